@@ -1,0 +1,12 @@
+//! Numbers: dual numbers, random streams, warps, colours, statistics. Imports glam only.
+
+pub mod discrete;
+pub mod real;
+pub mod rgb;
+pub mod rng;
+pub mod stats;
+pub mod warp;
+
+pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3};
+pub use real::{Dual, Real, V3};
+pub use rgb::Rgb;
