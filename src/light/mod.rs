@@ -1,0 +1,199 @@
+//! Lights. Each gives what reaches a point (`sample`), what a ray that hits it collects (`Escape` and area emission), and
+//! the slots its emission depends on. Emission is `slot value x unit`, so no derivative divides by an intensity.
+
+pub mod envmap;
+
+use crate::math::{DVec3, Real, Rgb, V3};
+use crate::params::Slot;
+use envmap::Envmap;
+use std::f64::consts::PI;
+
+/// How an emitted colour depends on slots: `value[c] * unit[c]` with three slots, or `scale * unit[c]` with one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emission {
+    pub first: Slot,
+    /// Three slots (one a channel) or one for all.
+    pub per_channel: bool,
+    pub unit: Rgb,
+    pub value: Rgb,
+}
+
+impl Emission {
+    pub fn color(&self) -> Rgb {
+        self.value * self.unit
+    }
+}
+
+#[derive(Clone, Debug)]
+pub enum LightKind {
+    /// Radiant intensity (power per solid angle), uniform.
+    Point { position: DVec3 },
+    /// Intensity along `axis`, falling to 0 between `cos_beam` and `cos_cutoff` [T](28).
+    Spot { position: DVec3, axis: DVec3, beam: f64, cutoff: f64 },
+    /// Irradiance on a plane across `direction` (the direction of travel) [T](29).
+    Directional { direction: DVec3 },
+    /// Radiance leaving the front of a shape.
+    Area { shape: u32 },
+    /// The same radiance from everywhere.
+    Constant,
+    /// Radiance by direction; one slot, its scale.
+    Envmap(Box<Envmap>),
+}
+
+#[derive(Clone, Debug)]
+pub struct Light {
+    pub name: String,
+    pub kind: LightKind,
+    /// Radiance, intensity or irradiance; for an environment map its scale in every channel.
+    pub value: Rgb,
+    pub slot: Slot,
+}
+
+/// Light that may arrive at a point from direction `w`.
+#[derive(Clone, Copy, Debug)]
+pub struct Arrival {
+    /// Unit, from the point toward the light.
+    pub w: DVec3,
+    /// Distance, infinite for distant lights.
+    pub distance: f64,
+    /// What multiplies the emitted colour: 1/r^2, 1, or 1/pdf.
+    pub factor: f64,
+    pub emission: Emission,
+    /// Density per solid angle of drawing `w`; 0 for lights of zero measure (no other technique finds them).
+    pub pdf: f64,
+    /// The shape that a clear ray ends on.
+    pub target: Option<u32>,
+}
+
+/// Smooth spot falloff: 1 inside the beam angle, 0 outside the cutoff, linear in the angle between, as Mitsuba has it.
+pub fn spot_falloff<R: Real>(cos: R, beam: f64, cutoff: f64) -> R {
+    let c = cos.value();
+    if c >= beam.cos() {
+        R::one()
+    } else if c <= cutoff.cos() {
+        R::zero()
+    } else {
+        // acos through atan2 keeps its digits near the axis.
+        let sin = (-(cos * cos) + 1.0).sqrt();
+        (-sin.atan2(cos) + cutoff) / (cutoff - beam)
+    }
+}
+
+/// `1/r^2` of a point light [T](28), generic for derivatives.
+pub fn inverse_square<R: Real>(u: V3<R>) -> R {
+    u.length_squared().recip()
+}
+
+impl Light {
+    pub fn emission(&self, unit: Rgb) -> Emission {
+        Emission {
+            first: self.slot,
+            per_channel: !matches!(self.kind, LightKind::Envmap(_)),
+            unit,
+            value: self.value,
+        }
+    }
+
+    /// Zero-measure: only next-event estimation finds it.
+    pub fn is_delta(&self) -> bool {
+        matches!(self.kind, LightKind::Point { .. } | LightKind::Spot { .. } | LightKind::Directional { .. })
+    }
+
+    /// The position that a 1/r^2 singularity sits at.
+    pub fn center(&self) -> Option<DVec3> {
+        match self.kind {
+            LightKind::Point { position } | LightKind::Spot { position, .. } => Some(position),
+            _ => None,
+        }
+    }
+
+    /// Light that a ray leaving the scene along `w` (propagation against the light) collects, if this one is an environment.
+    pub fn escape(&self, w: DVec3) -> Option<Emission> {
+        match &self.kind {
+            LightKind::Constant => Some(self.emission(Rgb::ONE)),
+            LightKind::Envmap(e) => Some(self.emission(e.radiance(w))),
+            _ => None,
+        }
+    }
+
+    /// Density per solid angle with which `sample` draws the escaping direction `w`; 0 where it never draws (constant).
+    pub fn escape_pdf(&self, w: DVec3) -> f64 {
+        match &self.kind {
+            LightKind::Envmap(e) => e.pdf(w),
+            _ => 0.0,
+        }
+    }
+
+    /// Light arriving at `p`; `None` where nothing can arrive or where sampling by direction is no worse (constant).
+    pub fn sample(&self, p: DVec3, u: f64, v: f64) -> Option<Arrival> {
+        match &self.kind {
+            LightKind::Point { position } => {
+                let d = *position - p;
+                let r2 = d.length_squared();
+                let r = r2.sqrt();
+                Some(Arrival {
+                    w: d / r,
+                    distance: r,
+                    factor: 1.0 / r2,
+                    emission: self.emission(Rgb::ONE),
+                    pdf: 0.0,
+                    target: None,
+                })
+            }
+            LightKind::Spot { position, axis, beam, cutoff } => {
+                let d = *position - p;
+                let r2 = d.length_squared();
+                let r = r2.sqrt();
+                let w = d / r;
+                let s = spot_falloff(-w.dot(*axis), *beam, *cutoff);
+                (s > 0.0).then(|| Arrival {
+                    w,
+                    distance: r,
+                    factor: 1.0 / r2,
+                    emission: self.emission(Rgb::splat(s)),
+                    pdf: 0.0,
+                    target: None,
+                })
+            }
+            LightKind::Directional { direction } => Some(Arrival {
+                w: -*direction,
+                distance: f64::INFINITY,
+                factor: 1.0,
+                emission: self.emission(Rgb::ONE),
+                pdf: 0.0,
+                target: None,
+            }),
+            LightKind::Envmap(e) => {
+                let (w, pdf) = e.sample(u, v);
+                (pdf > 0.0).then(|| Arrival {
+                    w,
+                    distance: f64::INFINITY,
+                    factor: 1.0 / pdf,
+                    emission: self.emission(e.radiance(w)),
+                    pdf,
+                    target: None,
+                })
+            }
+            // Area lights need their shape: `scene::connect` samples them.
+            LightKind::Area { .. } | LightKind::Constant => None,
+        }
+    }
+
+    /// Whether next-event estimation is worth a ray.
+    pub fn wants_connection(&self) -> bool {
+        !matches!(self.kind, LightKind::Constant)
+    }
+
+    /// A rough power for light selection, per unit area of a scene of radius `radius`.
+    pub fn rough_power(&self, area: f64, radius: f64) -> f64 {
+        let v = self.value.luminance().abs().max(self.value.max().abs() * 1e-3);
+        match &self.kind {
+            LightKind::Point { .. } => v * 4.0 * PI,
+            LightKind::Spot { cutoff, beam, .. } => v * 2.0 * PI * (1.0 - (0.5 * (beam + cutoff)).cos()),
+            LightKind::Directional { .. } => v * PI * radius * radius,
+            LightKind::Area { .. } => v * PI * area,
+            LightKind::Constant => 0.0,
+            LightKind::Envmap(e) => v * e.mean_luminance() * 4.0 * PI * PI * radius * radius,
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! Participating media: extinction, albedo, phase function, and how both depend on slots.
+
+pub mod grid;
+
+use crate::math::{DVec3, Rgb};
+use crate::params::{ParamSet, Slot};
+use crate::phase::Phase;
+use grid::Grid;
+use std::sync::Arc;
+
+/// A volume of numbers: constant, or a grid times nothing (scaling is the medium's).
+#[derive(Clone, Debug)]
+pub enum Volume {
+    Constant(Rgb),
+    Grid(Arc<Grid>),
+}
+
+impl Volume {
+    pub fn at(&self, p: DVec3) -> Rgb {
+        match self {
+            Volume::Constant(c) => *c,
+            Volume::Grid(g) => g.lookup_rgb(p),
+        }
+    }
+}
+
+/// Slots of a medium; `u32::MAX` where the quantity is a grid or does not exist.
+#[derive(Clone, Copy, Debug)]
+pub struct MediumSlots {
+    pub sigma_t: Slot,
+    pub albedo: Slot,
+    pub scale: Slot,
+    pub g: Slot,
+}
+
+pub const NO_SLOT: Slot = Slot::MAX;
+
+/// `sigma_t(x) = scale * density(x)`, `sigma_s(x) = albedo(x) * sigma_t(x)`.
+#[derive(Clone, Debug)]
+pub struct Medium {
+    pub name: String,
+    pub density: Volume,
+    pub scale: f64,
+    pub albedo: Volume,
+    pub phase: Phase,
+    pub slots: MediumSlots,
+    /// Extinction and scattering of a homogeneous medium; of a grid medium, the largest ones.
+    pub sigma_t: Rgb,
+    pub sigma_s: Rgb,
+    /// The albedo where it is constant, 1 where it is a grid.
+    pub constant_albedo: Rgb,
+    /// 1/length: the extinction at which a source derivative is shared evenly between collision scores and
+    /// derivative vertices (`transport::sweep`); one over the medium's extent.
+    pub kappa: f64,
+    /// Same extinction in all channels.
+    pub gray: bool,
+}
+
+impl Medium {
+    pub fn is_homogeneous(&self) -> bool {
+        matches!((&self.density, &self.albedo), (Volume::Constant(_), Volume::Constant(_)))
+    }
+
+    /// The grid that extinction follows, if it does.
+    pub fn density_grid(&self) -> Option<&Grid> {
+        match &self.density {
+            Volume::Grid(g) => Some(g),
+            Volume::Constant(_) => None,
+        }
+    }
+
+    /// Single-scattering albedo at a world point.
+    pub fn albedo_at(&self, p: DVec3) -> Rgb {
+        self.albedo.at(p)
+    }
+
+    /// `(sigma_t, sigma_s)` at a world point, 1/length.
+    pub fn coefficients(&self, p: DVec3) -> (Rgb, Rgb) {
+        if self.is_homogeneous() {
+            return (self.sigma_t, self.sigma_s);
+        }
+        let t = self.density.at(p) * self.scale;
+        (t, t * self.albedo.at(p))
+    }
+
+    /// `d sigma_s / d slot` at a world point for every active slot, per channel.
+    pub fn sigma_s_partials(&self, params: &ParamSet, p: DVec3, mut f: impl FnMut(Slot, Rgb)) {
+        let s = &self.slots;
+        let (density, albedo) = (self.density.at(p), self.albedo.at(p));
+        if s.scale != NO_SLOT && params.is_active(s.scale) {
+            f(s.scale, density * albedo);
+        }
+        for c in 0..3 {
+            if s.sigma_t != NO_SLOT && params.is_active(s.sigma_t + c as Slot) {
+                f(s.sigma_t + c as Slot, Rgb::channel(c, self.scale * albedo[c]));
+            }
+            if s.albedo != NO_SLOT && params.is_active(s.albedo + c as Slot) {
+                f(s.albedo + c as Slot, Rgb::channel(c, self.scale * density[c]));
+            }
+        }
+    }
+
+    /// `d (integral of sigma_t over a span) / d slot`, per channel [T](11) with fixed points.
+    pub fn depth_partials(
+        &self,
+        params: &ParamSet,
+        o: DVec3,
+        w: DVec3,
+        t0: f64,
+        t1: f64,
+        mut f: impl FnMut(Slot, Rgb),
+    ) {
+        let s = &self.slots;
+        if s.scale != NO_SLOT && params.is_active(s.scale) {
+            f(s.scale, self.density_integral(o, w, t0, t1));
+        }
+        if s.sigma_t != NO_SLOT {
+            for c in 0..3 {
+                if params.is_active(s.sigma_t + c as Slot) {
+                    f(s.sigma_t + c as Slot, Rgb::channel(c, self.scale * (t1 - t0)));
+                }
+            }
+        }
+    }
+
+    /// Integral of the density (before `scale`) along a span; exact, also for grids.
+    pub fn density_integral(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> Rgb {
+        match &self.density {
+            Volume::Constant(c) => *c * (t1 - t0),
+            Volume::Grid(g) if g.channels() == 1 => Rgb::splat(g.integrate(o, w, t0, t1)),
+            Volume::Grid(g) => Rgb(g.integrate3(o, w, t0, t1)),
+        }
+    }
+
+    /// Whether any slot that scattering depends on is active.
+    pub fn source_active(&self, params: &ParamSet) -> bool {
+        let s = &self.slots;
+        [(s.sigma_t, 3), (s.albedo, 3), (s.scale, 1)].iter().any(|&(f, n)| f != NO_SLOT && params.block_active(f, n))
+    }
+
+    /// Whether any slot that extinction depends on is active.
+    pub fn extinction_active(&self, params: &ParamSet) -> bool {
+        let s = &self.slots;
+        [(s.sigma_t, 3), (s.scale, 1)].iter().any(|&(f, n)| f != NO_SLOT && params.block_active(f, n))
+    }
+
+    pub fn g_active(&self, params: &ParamSet) -> bool {
+        self.slots.g != NO_SLOT && params.is_active(self.slots.g)
+    }
+}

@@ -1,0 +1,8 @@
+//! Parameters: which numbers of a scene can be differentiated (slots), and what a partial derivative means (sinks).
+//! The only place that knows forward from reverse.
+
+pub mod sink;
+pub mod slot;
+
+pub use sink::{Forward, Null, Reverse, Sink};
+pub use slot::{Block, ParamSet, Quantity, Slot, SlotTable};

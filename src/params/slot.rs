@@ -1,0 +1,135 @@
+//! Slots: the flat list of every differentiable scalar of a scene, in the order in which `scene::parts` lists them.
+
+use crate::math::Rgb;
+
+/// Index of a differentiable scalar.
+pub type Slot = u32;
+
+/// What a block of slots is, for plans, reports and `--wrt` by object id.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Quantity {
+    /// Extinction, per channel (constant volumes only), 1/length.
+    SigmaT,
+    /// Single-scattering albedo, per channel.
+    Albedo,
+    /// Factor on a medium's extinction.
+    MediumScale,
+    /// Mean cosine of the phase function.
+    G,
+    /// Diffuse reflectance, per channel.
+    Reflectance,
+    /// Radiance, intensity or irradiance of a light, per channel.
+    Emission,
+    /// Factor on an environment map.
+    EnvironmentScale,
+}
+
+impl Quantity {
+    pub fn name(self) -> &'static str {
+        match self {
+            Quantity::SigmaT => "sigma_t",
+            Quantity::Albedo => "albedo",
+            Quantity::MediumScale => "scale",
+            Quantity::G => "g",
+            Quantity::Reflectance => "reflectance",
+            Quantity::Emission => "emission",
+            Quantity::EnvironmentScale => "scale",
+        }
+    }
+}
+
+/// Consecutive slots of one quantity of one object.
+#[derive(Clone, Debug)]
+pub struct Block {
+    pub owner: String,
+    pub quantity: Quantity,
+    pub first: Slot,
+    pub len: u32,
+}
+
+/// All blocks of a scene.
+#[derive(Clone, Debug, Default)]
+pub struct SlotTable {
+    pub blocks: Vec<Block>,
+    pub values: Vec<f64>,
+}
+
+impl SlotTable {
+    pub fn push(&mut self, owner: &str, quantity: Quantity, values: &[f64]) -> Slot {
+        let first = self.values.len() as Slot;
+        self.blocks.push(Block { owner: owner.into(), quantity, first, len: values.len() as u32 });
+        self.values.extend_from_slice(values);
+        first
+    }
+}
+
+/// The parameters asked for: names, and the tangent of every slot with respect to each of them.
+///
+/// `tangent[slot * K + k] = d slot / d parameter k`. The same set serves both modes: forward contracts partials with it,
+/// reverse multiplies the slot gradient by its transpose.
+#[derive(Clone, Debug, Default)]
+pub struct ParamSet {
+    pub names: Vec<String>,
+    tangent: Vec<f64>,
+    active: Vec<bool>,
+}
+
+impl ParamSet {
+    /// `columns[k][slot]`.
+    pub fn new(names: Vec<String>, columns: &[Vec<f64>], slots: usize) -> Self {
+        let k = names.len();
+        let mut tangent = vec![0.0; slots * k];
+        for (j, col) in columns.iter().enumerate() {
+            for (s, &t) in col.iter().enumerate() {
+                tangent[s * k + j] = t;
+            }
+        }
+        let active = (0..slots).map(|s| tangent[s * k..(s + 1) * k].iter().any(|&t| t != 0.0)).collect();
+        ParamSet { names, tangent, active }
+    }
+
+    pub fn len(&self) -> usize {
+        self.names.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.names.is_empty()
+    }
+
+    /// Whether any parameter moves any slot at all.
+    pub fn any_active(&self) -> bool {
+        self.active.iter().any(|&a| a)
+    }
+
+    #[inline]
+    pub fn is_active(&self, slot: Slot) -> bool {
+        self.active[slot as usize]
+    }
+
+    /// Whether any of `len` slots from `first` is active.
+    pub fn block_active(&self, first: Slot, len: u32) -> bool {
+        (first..first + len).any(|s| self.is_active(s))
+    }
+
+    #[inline]
+    pub fn tangents(&self, slot: Slot) -> &[f64] {
+        let k = self.names.len();
+        &self.tangent[slot as usize * k..(slot as usize + 1) * k]
+    }
+
+    /// Gradient over parameters from the gradient over slots (the transpose).
+    pub fn pull_back(&self, slot_gradient: &[f64]) -> Vec<f64> {
+        let mut g = vec![0.0; self.len()];
+        for (s, &x) in slot_gradient.iter().enumerate() {
+            for (gk, t) in g.iter_mut().zip(self.tangents(s as Slot)) {
+                *gk += x * t;
+            }
+        }
+        g
+    }
+}
+
+/// Partial of a pixel with respect to a block of three slots of which slot `c` touches channel `c` only.
+pub fn channels(first: Slot, w: Rgb) -> [(Slot, Rgb); 3] {
+    std::array::from_fn(|c| (first + c as Slot, Rgb::channel(c, w[c])))
+}

@@ -1,0 +1,63 @@
+//! Warnings that need the whole scene: cameras and lights in media that they do not name.
+
+use super::parts::Parts;
+use super::{On, Scene};
+use crate::error::{Span, Warning, WarningKind};
+use crate::math::DVec3;
+use crate::shape::{Geometry, Shape};
+
+/// Look for what works but is probably not meant.
+pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
+    let mut found = Vec::new();
+    for (s, part) in scene.sensors.iter().zip(&parts.sensors) {
+        let (w, h) = (s.width as f64, s.height as f64);
+        let (o, d) = s.ray(0.5 * w, 0.5 * h);
+        if let Some(name) = unnamed_medium(scene, o, d, part.medium) {
+            found.push(warning(
+                WarningKind::CameraInUnnamedMedium,
+                &part.span,
+                format!("the sensor stands inside medium `{name}` but does not name it: the fog begins behind its boundary"),
+                format!("add <ref id=\"{name}\"/> to the sensor"),
+            ));
+        }
+    }
+    for (l, part) in scene.lights.iter().zip(&parts.lights) {
+        let Some(p) = l.center() else { continue };
+        if let Some(name) = unnamed_medium(scene, p, DVec3::Z, part.medium) {
+            found.push(warning(
+                WarningKind::LightInUnnamedMedium,
+                &part.span,
+                format!("light `{}` stands inside medium `{name}` but does not name it", l.name),
+                format!("nothing changes here (shadow rays know their medium), but other renderers want <ref id=\"{name}\"/>"),
+            ));
+        }
+    }
+    let coarse = scene.bounds.magnitude() > 1e5 * scene.bounds.radius();
+    if !scene.bounds.is_empty() && scene.bounds.radius() > 0.0 && coarse {
+        found.push(warning(
+            WarningKind::LargeCoordinates,
+            &Span { file: parts.sensors[0].span.file.clone(), line: 0, column: 0 },
+            format!("the scene stands at coordinates of {:.1e}, {:.1e} of its size", scene.bounds.magnitude(), scene.bounds.magnitude() / scene.bounds.radius()),
+            "move it near the origin: mesh files hold single precision".into(),
+        ));
+    }
+    scene.warnings.extend(found);
+}
+
+fn warning(kind: WarningKind, span: &Span, what: String, hint: String) -> Warning {
+    Warning { kind, span: span.clone(), what, hint }
+}
+
+/// The name of the medium whose boundary a ray from `p` leaves first, if the point claims to be in another one.
+fn unnamed_medium(scene: &Scene, p: DVec3, w: DVec3, named: Option<usize>) -> Option<String> {
+    let named = named.map(|m| m as u32);
+    let closed = |s: &Shape| s.is_closed();
+    let hit = scene.intersect(p, w, f64::INFINITY, &On::default(), named)?;
+    let shape = &scene.shapes[hit.shape as usize];
+    let leaves = shape.boundary && w.dot(hit.n) > 0.0 && closed(&shape.shape);
+    // A camera exactly on the boundary is inside or outside as it says.
+    let on_boundary = hit.t <= scene.tolerance(p);
+    (leaves && !on_boundary && shape.interior != named && shape.interior.is_some())
+        .then(|| scene.media[shape.interior? as usize].name.clone().into())
+        .flatten()
+}

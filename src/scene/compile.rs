@@ -1,0 +1,329 @@
+//! From parts to a scene that can be rendered: files are loaded, Embree is built, media and lights get their tables.
+
+use super::desc::SceneDesc;
+use super::geometry::Group;
+use super::parts::{LightKindPart, MediumPart, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart};
+use super::{Film, Instance, Scene, Settings};
+use crate::error::{Error, Result, Warning, WarningKind};
+use crate::light::envmap::Envmap;
+use crate::light::{Light, LightKind};
+use crate::math::discrete::Discrete;
+use crate::math::{DMat3, DVec3, Rgb};
+use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
+use crate::native::embree;
+use crate::params::{ParamSet, Quantity, SlotTable};
+use crate::phase::Phase;
+use crate::sensor::{Projection, Sensor};
+use crate::shape::{Bounds, Cube, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, obj, ply};
+use crate::surface::Surface;
+use std::sync::Arc;
+
+/// Paths longer than this many steps are cut and counted.
+const PATH_CAP: u64 = 50_000_000;
+
+/// Options of loading that are not in the scene file.
+#[derive(Clone, Debug, Default)]
+pub struct LoadOptions {
+    pub repair_voxels: bool,
+}
+
+impl Scene {
+    /// Read, check and build. Every property of the file has been read when this returns.
+    pub fn compile(desc: &SceneDesc, options: &LoadOptions) -> Result<Scene> {
+        let parts = Parts::read(desc, &desc.values::<f64>())?;
+        desc.finish()?;
+        let mut warnings = desc.warnings.clone();
+        let slots = slot_table(&parts);
+        let mut shapes = Vec::with_capacity(parts.shapes.len());
+        for s in &parts.shapes {
+            shapes.push(instance(s, &parts, &mut warnings)?);
+        }
+        let mut media = Vec::with_capacity(parts.media.len());
+        for m in &parts.media {
+            media.push(medium(m, &slots, options, &mut warnings)?);
+        }
+        let mut surfaces = Vec::with_capacity(parts.surfaces.len());
+        for (s, name) in parts.surfaces.iter().zip(&parts.surface_names) {
+            surfaces.push(surface(s, slot_of(&slots, name, Quantity::Reflectance)));
+        }
+        let mut lights = Vec::with_capacity(parts.lights.len());
+        for l in &parts.lights {
+            lights.push(light(l, &slots)?);
+        }
+        let sensors: Vec<Sensor> = parts.sensors.iter().map(sensor).collect();
+        let films = parts.sensors.iter().map(|s| Film { part: s.film, spp: s.spp, seed: s.seed }).collect();
+
+        let mut bounds = shapes.iter().fold(Bounds::EMPTY, |b, s: &Instance| b.union(&s.shape.bounds()));
+        for s in &sensors {
+            bounds = bounds.with_point(s.to_world.translation);
+        }
+        for l in &lights {
+            bounds = l.center().map_or(bounds, |c| bounds.with_point(c));
+        }
+        set_kappa(&mut media, &shapes, &bounds);
+        let environment = lights
+            .iter()
+            .position(|l| matches!(l.kind, LightKind::Constant | LightKind::Envmap(_)))
+            .map(|i| i as u32);
+        let (opaque, null) = groups(&shapes, &surfaces)?;
+        let i = parts.integrator;
+        let mut scene = Scene {
+            max_interfaces: 2 * shapes.len() + 64,
+            shapes,
+            surfaces,
+            media,
+            lights,
+            environment,
+            sensors,
+            films,
+            settings: Settings {
+                max_depth: i.max_depth,
+                rr_depth: i.rr_depth,
+                hide_emitters: i.hide_emitters,
+                cap: PATH_CAP,
+            },
+            slots,
+            bounds,
+            warnings,
+            opaque,
+            null,
+            selection: Discrete::default(),
+            local: Discrete::default(),
+        };
+        scene.prepare_lights();
+        super::advice::advise(&mut scene, &parts);
+        Ok(scene)
+    }
+
+    /// The tangents of all slots with respect to the named parameters.
+    pub fn param_set(&self, desc: &SceneDesc, names: &[String]) -> Result<ParamSet> {
+        let mut columns = Vec::new();
+        for name in names {
+            let parts = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
+            columns.push(parts.slots().into_iter().flat_map(|(_, _, v)| v).map(|x| x.d[0]).collect());
+        }
+        Ok(ParamSet::new(names.to_vec(), &columns, self.slots.values.len()))
+    }
+}
+
+fn slot_table(parts: &Parts<f64>) -> SlotTable {
+    let mut t = SlotTable::default();
+    for (owner, quantity, values) in parts.slots() {
+        t.push(&owner, quantity, &values);
+    }
+    t
+}
+
+fn slot_of(t: &SlotTable, owner: &str, q: Quantity) -> u32 {
+    t.blocks.iter().find(|b| b.owner == owner && b.quantity == q && b.len > 0).map_or(NO_SLOT, |b| b.first)
+}
+
+fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, warnings: &mut Vec<Warning>) -> Result<Instance> {
+    let to_world = s.to_world.affine();
+    let fail = |what: String| Error::scene(&s.span, what, "correct the shape or its to_world");
+    let mesh = |m: std::result::Result<TriangleMesh, String>| -> Result<Shape> {
+        let mut m = m.and_then(|m| m.transformed(&to_world)).map_err(|e| {
+            Error::scene(&s.span, format!("shape `{}`: {e}", s.name), "export the mesh again, or name another file")
+        })?;
+        if s.flip_normals {
+            m = m.flip_normals();
+        }
+        Ok(Shape::Mesh(m))
+    };
+    let shape = match &s.kind {
+        ShapeKind::Obj(path) => mesh(obj::load(path))?,
+        ShapeKind::Ply(path) => mesh(ply::load(path))?,
+        ShapeKind::Sphere { center, radius } => {
+            Shape::Sphere(Sphere::new(center.value(), *radius, to_world, s.flip_normals).map_err(fail)?)
+        }
+        ShapeKind::Rectangle => Shape::Rectangle(Rectangle::new(to_world, s.flip_normals).map_err(fail)?),
+        ShapeKind::Cube => Shape::Cube(Cube::new(to_world, s.flip_normals).map_err(fail)?),
+        ShapeKind::Disk => Shape::Disk(Disk::new(to_world, s.flip_normals).map_err(fail)?),
+    };
+    let boundary = s.interior.is_some() || s.exterior.is_some();
+    let opaque = !matches!(parts.surfaces[s.surface], SurfacePart::Null);
+    if boundary && opaque {
+        let default = if s.default_surface { "no <bsdf> (so a diffuse one)" } else { "an opaque <bsdf>" };
+        warnings.push(Warning {
+            kind: WarningKind::MediumBehindOpaqueBoundary,
+            span: s.span.clone(),
+            what: format!("shape `{}` bounds a medium but has {default}: no light gets in", s.name),
+            hint: "add <bsdf type=\"null\"/> for an index-matched boundary".into(),
+        });
+    }
+    if let Shape::Mesh(m) = &shape {
+        let mut warn = |kind, what: String, hint: &str| {
+            let what = format!("shape `{}`: {what}", s.name);
+            warnings.push(Warning { kind, span: s.span.clone(), what, hint: hint.into() });
+        };
+        if boundary {
+            if let Some(leak) = m.topology().leaks() {
+                let hint = "close and weld the mesh: rays that pass a hole leave or enter the medium unseen";
+                warn(WarningKind::LeakyBoundary, leak, hint);
+            }
+        }
+        if let Some(defect) = m.topology().defects() {
+            warn(WarningKind::DegenerateMesh, defect, "such faces and edges are rendered as they are");
+        }
+    }
+    Ok(Instance {
+        shape,
+        surface: s.surface as u32,
+        boundary,
+        interior: s.interior.map(|i| i as u32),
+        exterior: s.exterior.map(|i| i as u32),
+        light: s.light.map(|i| i as u32),
+        face_normals: s.face_normals,
+    })
+}
+
+fn medium(
+    m: &MediumPart<f64>,
+    slots: &SlotTable,
+    options: &LoadOptions,
+    warnings: &mut Vec<Warning>,
+) -> Result<Medium> {
+    let density = volume(&m.density, options, warnings)?;
+    let albedo = volume(&m.albedo, options, warnings)?;
+    if let Volume::Grid(g) = &albedo {
+        if g.max() > 1.0 {
+            let what = format!("medium `{}`: the albedo grid reaches {}", m.name, g.max());
+            return Err(Error::scene(&m.span, what, "an albedo lies between 0 and 1"));
+        }
+    }
+    let largest = |v: &Volume| match v {
+        Volume::Constant(c) => *c,
+        Volume::Grid(g) => Rgb(g.max3()),
+    };
+    let sigma_t = largest(&density) * m.scale;
+    let constant_albedo = if let Volume::Constant(c) = &albedo { *c } else { Rgb::ONE };
+    let gray = match &density {
+        Volume::Constant(c) => c.is_gray(),
+        Volume::Grid(g) => g.channels() == 1,
+    };
+    Ok(Medium {
+        name: m.name.clone(),
+        sigma_s: sigma_t * largest(&albedo),
+        sigma_t,
+        constant_albedo,
+        gray,
+        density,
+        albedo,
+        scale: m.scale,
+        phase: m.g.map_or(Phase::Isotropic, |g| Phase::Hg { g }),
+        slots: MediumSlots {
+            sigma_t: slot_of(slots, &m.name, Quantity::SigmaT),
+            albedo: slot_of(slots, &m.name, Quantity::Albedo),
+            scale: slot_of(slots, &m.name, Quantity::MediumScale),
+            g: slot_of(slots, &m.name, Quantity::G),
+        },
+        kappa: 1.0,
+    })
+}
+
+fn volume(v: &VolumePart<f64>, options: &LoadOptions, warnings: &mut Vec<Warning>) -> Result<Volume> {
+    match v {
+        VolumePart::Constant(c) => Ok(Volume::Constant(Rgb(*c))),
+        VolumePart::Vol { path, to_world, span, smooth } => {
+            let g = super::volumes::load_vol(path, to_world.affine(), *smooth, span, options, warnings)?;
+            Ok(Volume::Grid(Arc::new(g)))
+        }
+        VolumePart::Vdb { path, grid, to_world, span } => {
+            let g = super::volumes::load_vdb(path, grid, to_world.affine(), span, options, warnings)?;
+            Ok(Volume::Grid(Arc::new(g)))
+        }
+    }
+}
+
+fn surface(s: &SurfacePart<f64>, slot: u32) -> Surface {
+    match s {
+        SurfacePart::Null => Surface::Null,
+        SurfacePart::Diffuse { reflectance, two_sided } => {
+            Surface::Diffuse { reflectance: Rgb(*reflectance), two_sided: *two_sided, slot }
+        }
+    }
+}
+
+fn light(l: &super::parts::LightPart<f64>, slots: &SlotTable) -> Result<Light> {
+    let mut quantity = Quantity::Emission;
+    let kind = match &l.kind {
+        LightKindPart::Point { position } => LightKind::Point { position: position.value() },
+        LightKindPart::Spot { to_world, beam, cutoff } => {
+            let m = to_world.affine();
+            let axis = m.transform_vector3(DVec3::Z).normalize();
+            LightKind::Spot { position: m.translation, axis, beam: *beam, cutoff: *cutoff }
+        }
+        LightKindPart::Directional { direction } => LightKind::Directional { direction: direction.value() },
+        LightKindPart::Area { shape } => LightKind::Area { shape: *shape as u32 },
+        LightKindPart::Constant => LightKind::Constant,
+        LightKindPart::Envmap { path, to_world } => {
+            quantity = Quantity::EnvironmentScale;
+            let image = crate::image_io::load(path)
+                .map_err(|e| Error::scene(&l.span, e.to_string(), "use an .exr or .hdr equirectangular image"))?;
+            let m = to_world.affine().matrix3;
+            let turn = DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());
+            if (turn.transpose() * turn - DMat3::IDENTITY).abs().to_cols_array().iter().any(|x| *x > 1e-9) {
+                let what = "the environment map's to_world is not a rotation";
+                return Err(Error::scene(&l.span, what, "rotate it only: scale and shear have no meaning at infinity"));
+            }
+            LightKind::Envmap(Box::new(Envmap::new(image.width, image.height, image.texels, turn)))
+        }
+    };
+    Ok(Light { name: l.name.clone(), kind, value: Rgb(l.value), slot: slot_of(slots, &l.name, quantity) })
+}
+
+fn sensor(s: &super::parts::SensorPart<f64>) -> Sensor {
+    Sensor {
+        projection: match s.tan_half {
+            Some(tan_half) => Projection::Perspective { tan_half, offset: s.offset },
+            None => Projection::Orthographic,
+        },
+        to_world: s.to_world.affine(),
+        width: s.film.width,
+        height: s.film.height,
+        medium: s.medium.map(|m| m as u32),
+    }
+}
+
+/// One over the extent of each medium: of its boundary shapes, or of the scene where it has none.
+fn set_kappa(media: &mut [Medium], shapes: &[Instance], bounds: &Bounds) {
+    for (i, m) in media.iter_mut().enumerate() {
+        let id = Some(i as u32);
+        let own = shapes
+            .iter()
+            .filter(|s| s.boundary && s.interior == id)
+            .fold(Bounds::EMPTY, |b, s| b.union(&s.shape.bounds()));
+        // The thinnest extent of a volume; a flat boundary (half-space) has none.
+        let size = own.size();
+        let extent = if own.is_empty() { 0.0 } else { size.min_element() };
+        let extent = if extent > 0.0 { extent } else { 2.0 * bounds.radius() };
+        // A scene without any extent: the medium's own length.
+        m.kappa = if extent > 0.0 && extent.is_finite() { 1.0 / extent } else { m.sigma_t.max().max(1.0) };
+    }
+}
+
+/// Opaque shapes and null interfaces, each with its own Embree scene for meshes.
+fn groups(shapes: &[Instance], surfaces: &[Surface]) -> Result<(Group, Group)> {
+    let mut out = Vec::new();
+    for null in [false, true] {
+        let mut g = Group::default();
+        let mut builder = None;
+        for (i, s) in shapes.iter().enumerate().filter(|(_, s)| surfaces[s.surface as usize].is_null() == null) {
+            if let Shape::Mesh(m) = &s.shape {
+                let b: &mut embree::SceneBuilder = match &mut builder {
+                    Some(b) => b,
+                    none => none.insert(embree::SceneBuilder::new()?),
+                };
+                b.add_triangles(m.vertices.clone(), m.faces.clone())?;
+                g.geometry.push(i as u32);
+            } else {
+                g.simple.push(i as u32);
+            }
+        }
+        g.bvh = builder.map(embree::SceneBuilder::commit).transpose()?;
+        out.push(g);
+    }
+    let null = out.pop().unwrap_or_default();
+    let opaque = out.pop().unwrap_or_default();
+    Ok((opaque, null))
+}

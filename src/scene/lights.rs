@@ -1,0 +1,123 @@
+//! Which light to connect to, and how: selection, and area lights, which need their shape.
+
+use super::{Hit, Scene};
+use crate::light::{Arrival, LightKind};
+use crate::math::discrete::Discrete;
+use crate::math::{DVec3, Rgb};
+use crate::shape::{Geometry, Shape};
+
+/// Share of the selection that ignores power: a light that is off can still be differentiated.
+const UNIFORM_SHARE: f64 = 0.25;
+
+impl Scene {
+    /// Fill the selection tables; call when lights and bounds are known.
+    pub fn prepare_lights(&mut self) {
+        let radius = self.bounds.radius();
+        let power: Vec<f64> = self
+            .lights
+            .iter()
+            .map(|l| {
+                let area = match l.kind {
+                    LightKind::Area { shape } => self.shapes[shape as usize].shape.area(),
+                    _ => 0.0,
+                };
+                l.rough_power(area, radius)
+            })
+            .collect();
+        let table = |wanted: &dyn Fn(usize) -> bool| {
+            let n = (0..self.lights.len()).filter(|&i| wanted(i)).count() as f64;
+            let total: f64 = (0..self.lights.len()).filter(|&i| wanted(i)).map(|i| power[i]).sum();
+            Discrete::new((0..self.lights.len()).map(|i| match (wanted(i), total > 0.0) {
+                (false, _) => 0.0,
+                (true, true) => UNIFORM_SHARE / n + (1.0 - UNIFORM_SHARE) * power[i] / total,
+                (true, false) => 1.0 / n,
+            }))
+        };
+        let selection = table(&|i| self.lights[i].wants_connection());
+        let local = table(&|i| self.lights[i].center().is_some());
+        self.selection = selection;
+        self.local = local;
+    }
+
+    /// A light for a connection, and its probability.
+    pub fn select_light(&self, u: f64) -> Option<(u32, f64)> {
+        select(&self.selection, u)
+    }
+
+    /// Probability that a connection goes to light `id`.
+    pub fn selection(&self, id: u32) -> f64 {
+        if self.selection.total > 0.0 { self.selection.probability(id as usize) } else { 0.0 }
+    }
+
+    /// A light with a position, for the equi-angular connection.
+    pub fn select_local_light(&self, u: f64) -> Option<(u32, f64)> {
+        select(&self.local, u)
+    }
+
+    pub fn local_selection(&self, id: u32) -> f64 {
+        if self.local.total > 0.0 { self.local.probability(id as usize) } else { 0.0 }
+    }
+
+    pub fn has_local_lights(&self) -> bool {
+        self.local.total > 0.0
+    }
+
+    /// Light from `id` at `p`; area lights are sampled here.
+    pub fn arrival(&self, id: u32, p: DVec3, u: f64, v: f64) -> Option<Arrival> {
+        let light = &self.lights[id as usize];
+        let LightKind::Area { shape } = light.kind else { return light.sample(p, u, v) };
+        let instance = &self.shapes[shape as usize].shape;
+        if let Shape::Sphere(s) = instance {
+            // A cone toward the sphere from outside; from inside, by area.
+            if let Some(d) = s.sample_direction(p, u, v) {
+                return Some(Arrival {
+                    w: d.w,
+                    distance: d.distance,
+                    factor: 1.0 / d.pdf,
+                    emission: light.emission(Rgb::ONE),
+                    pdf: d.pdf,
+                    target: Some(shape),
+                });
+            }
+        }
+        let q = instance.sample(u, v);
+        let d = q.p - p;
+        let r2 = d.length_squared();
+        let r = r2.sqrt();
+        let w = d / r;
+        let cos = -q.n.dot(w);
+        if cos <= 0.0 || r2 == 0.0 {
+            return None;
+        }
+        let pdf = q.pdf_area * r2 / cos;
+        let emission = light.emission(Rgb::ONE);
+        Some(Arrival { w, distance: r, factor: 1.0 / pdf, emission, pdf, target: Some(shape) })
+    }
+
+    /// Density per solid angle at `from` of drawing the direction `w` that met `hit` on the area light `id`.
+    pub fn area_pdf(&self, id: u32, from: DVec3, w: DVec3, hit: &Hit) -> f64 {
+        let LightKind::Area { shape } = self.lights[id as usize].kind else { return 0.0 };
+        let instance = &self.shapes[shape as usize].shape;
+        if let Shape::Sphere(s) = instance {
+            return s.pdf_direction(from, hit.p);
+        }
+        let cos = -hit.n.dot(w);
+        if cos <= 0.0 { 0.0 } else { (hit.p - from).length_squared() / (cos * instance.area()) }
+    }
+
+    /// Whether the path goes on at this surface.
+    pub fn reflects(&self, hit: &Hit) -> bool {
+        match &self.surfaces[self.shapes[hit.shape as usize].surface as usize] {
+            crate::surface::Surface::Diffuse { reflectance, .. } => !reflectance.is_zero(),
+            crate::surface::Surface::Null => true,
+        }
+    }
+}
+
+fn select(table: &Discrete, u: f64) -> Option<(u32, f64)> {
+    if table.total <= 0.0 {
+        return None;
+    }
+    let (i, p, _) = table.sample(u);
+    Some((i as u32, p))
+}

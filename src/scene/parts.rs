@@ -1,0 +1,338 @@
+//! The parts of a scene as numbers: every plugin's properties, generic over `Real`.
+//!
+//! Read once with `f64` it is what `compile` builds from; read with one `$parameter` as the dual variable, the same code gives
+//! the tangent of every slot ([`Parts::slots`]) and of everything that can move ([`Parts::movable`]).
+
+use super::desc::{Env, Node, SceneDesc};
+use super::transform::Mat4;
+use crate::error::{Error, Result, Span};
+use crate::math::{DVec3, Real, V3};
+use crate::params::Quantity;
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+pub struct ShapePart<R> {
+    pub name: String,
+    pub span: Span,
+    pub kind: ShapeKind<R>,
+    pub to_world: Mat4<R>,
+    pub flip_normals: bool,
+    pub face_normals: bool,
+    pub surface: usize,
+    /// No `<bsdf>` was named: the default one.
+    pub default_surface: bool,
+    pub interior: Option<usize>,
+    pub exterior: Option<usize>,
+    pub light: Option<usize>,
+}
+
+pub enum ShapeKind<R> {
+    Obj(PathBuf),
+    Ply(PathBuf),
+    Sphere { center: V3<R>, radius: R },
+    Rectangle,
+    Cube,
+    Disk,
+}
+
+pub enum SurfacePart<R> {
+    Diffuse { reflectance: [R; 3], two_sided: bool },
+    Null,
+}
+
+pub enum VolumePart<R> {
+    Constant([R; 3]),
+    Vol { path: PathBuf, to_world: Mat4<R>, span: Span, smooth: bool },
+    Vdb { path: PathBuf, grid: String, to_world: Mat4<R>, span: Span },
+}
+
+impl<R: Real> VolumePart<R> {
+    pub fn to_world(&self) -> Option<&Mat4<R>> {
+        match self {
+            VolumePart::Constant(_) => None,
+            VolumePart::Vol { to_world, .. } | VolumePart::Vdb { to_world, .. } => Some(to_world),
+        }
+    }
+}
+
+pub struct MediumPart<R> {
+    pub name: String,
+    pub span: Span,
+    pub density: VolumePart<R>,
+    pub albedo: VolumePart<R>,
+    pub scale: R,
+    /// `None` = isotropic.
+    pub g: Option<R>,
+}
+
+pub enum LightKindPart<R> {
+    Point { position: V3<R> },
+    Spot { to_world: Mat4<R>, beam: R, cutoff: R },
+    Directional { direction: V3<R> },
+    Area { shape: usize },
+    Constant,
+    Envmap { path: PathBuf, to_world: Mat4<R> },
+}
+
+pub struct LightPart<R> {
+    pub name: String,
+    pub span: Span,
+    pub kind: LightKindPart<R>,
+    pub value: [R; 3],
+    pub medium: Option<usize>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Filter {
+    Box { radius: f64 },
+    Tent { radius: f64 },
+    Gaussian { stddev: f64 },
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct FilmPart {
+    pub width: usize,
+    pub height: usize,
+    /// x0, y0, x1, y1 in pixels.
+    pub crop: [usize; 4],
+    pub filter: Filter,
+    pub alpha: bool,
+}
+
+pub struct SensorPart<R> {
+    pub name: String,
+    pub span: Span,
+    pub to_world: Mat4<R>,
+    /// Tangent of half the horizontal field of view; `None` = orthographic.
+    pub tan_half: Option<R>,
+    pub offset: [f64; 2],
+    pub film: FilmPart,
+    pub spp: u64,
+    pub seed: u64,
+    pub medium: Option<usize>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct IntegratorPart {
+    pub max_depth: u32,
+    pub rr_depth: u32,
+    pub hide_emitters: bool,
+}
+
+pub struct Parts<R> {
+    pub shapes: Vec<ShapePart<R>>,
+    pub surfaces: Vec<SurfacePart<R>>,
+    pub surface_names: Vec<String>,
+    pub media: Vec<MediumPart<R>>,
+    pub lights: Vec<LightPart<R>>,
+    pub sensors: Vec<SensorPart<R>>,
+    pub integrator: IntegratorPart,
+}
+
+/// What of a scene can move; the tangents tell whether it does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Movable {
+    Shape(usize),
+    LightPosition(usize),
+    LightDirection(usize),
+    LightProfile(usize),
+    Environment(usize),
+    Volume(usize),
+    Sensor(usize),
+}
+
+impl<R: Real> Parts<R> {
+    pub fn read(desc: &SceneDesc, env: &Env<R>) -> Result<Self> {
+        let mut r = Reader { env, parts: Parts::empty(), surface_of: HashMap::new(), medium_of: HashMap::new() };
+        r.scene(&desc.root)?;
+        Ok(r.parts)
+    }
+
+    fn empty() -> Self {
+        Parts {
+            shapes: Vec::new(),
+            surfaces: Vec::new(),
+            surface_names: Vec::new(),
+            media: Vec::new(),
+            lights: Vec::new(),
+            sensors: Vec::new(),
+            integrator: IntegratorPart { max_depth: u32::MAX, rr_depth: 5, hide_emitters: false },
+        }
+    }
+
+    /// Every differentiable scalar in its one fixed order: media, surfaces, lights.
+    pub fn slots(&self) -> Vec<(String, Quantity, Vec<R>)> {
+        let mut v = Vec::new();
+        for m in &self.media {
+            if let VolumePart::Constant(c) = &m.density {
+                v.push((m.name.clone(), Quantity::SigmaT, c.to_vec()));
+            }
+            if let VolumePart::Constant(c) = &m.albedo {
+                v.push((m.name.clone(), Quantity::Albedo, c.to_vec()));
+            }
+            v.push((m.name.clone(), Quantity::MediumScale, vec![m.scale]));
+            v.push((m.name.clone(), Quantity::G, m.g.into_iter().collect()));
+        }
+        for (s, name) in self.surfaces.iter().zip(&self.surface_names) {
+            if let SurfacePart::Diffuse { reflectance, .. } = s {
+                v.push((name.clone(), Quantity::Reflectance, reflectance.to_vec()));
+            }
+        }
+        for l in &self.lights {
+            match l.kind {
+                LightKindPart::Envmap { .. } => v.push((l.name.clone(), Quantity::EnvironmentScale, vec![l.value[0]])),
+                _ => v.push((l.name.clone(), Quantity::Emission, l.value.to_vec())),
+            }
+        }
+        v
+    }
+
+    /// Everything that can move, as numbers.
+    pub fn movable(&self) -> Vec<(Movable, Vec<R>)> {
+        let flat = |m: &Mat4<R>| (0..12).map(|i| m.m[i / 4][i % 4]).collect::<Vec<R>>();
+        let mut v = Vec::new();
+        for (i, s) in self.shapes.iter().enumerate() {
+            let mut x = flat(&s.to_world);
+            if let ShapeKind::Sphere { center, radius } = &s.kind {
+                x.extend([center.x, center.y, center.z, *radius]);
+            }
+            v.push((Movable::Shape(i), x));
+        }
+        for (i, l) in self.lights.iter().enumerate() {
+            match &l.kind {
+                LightKindPart::Point { position: p } => v.push((Movable::LightPosition(i), vec![p.x, p.y, p.z])),
+                LightKindPart::Spot { to_world, beam, cutoff } => {
+                    let o = to_world.column(3);
+                    v.push((Movable::LightPosition(i), vec![o.x, o.y, o.z]));
+                    let d = to_world.vector(V3::constant(DVec3::Z)).normalize();
+                    v.push((Movable::LightDirection(i), vec![d.x, d.y, d.z]));
+                    v.push((Movable::LightProfile(i), vec![*beam, *cutoff]));
+                }
+                LightKindPart::Directional { direction: d } => {
+                    v.push((Movable::LightDirection(i), vec![d.x, d.y, d.z]));
+                }
+                LightKindPart::Envmap { to_world, .. } => v.push((Movable::Environment(i), flat(to_world))),
+                LightKindPart::Area { .. } | LightKindPart::Constant => {}
+            }
+        }
+        for (i, m) in self.media.iter().enumerate() {
+            for t in [&m.density, &m.albedo].into_iter().filter_map(VolumePart::to_world) {
+                v.push((Movable::Volume(i), flat(t)));
+            }
+        }
+        for (i, s) in self.sensors.iter().enumerate() {
+            let mut x = flat(&s.to_world);
+            x.extend(s.tan_half);
+            v.push((Movable::Sensor(i), x));
+        }
+        v
+    }
+}
+
+/// Reads plugins into parts; the plugins' own readers are in `parts_*`.
+pub(super) struct Reader<'a, R> {
+    pub env: &'a Env<R>,
+    pub parts: Parts<R>,
+    surface_of: HashMap<usize, usize>,
+    medium_of: HashMap<usize, usize>,
+}
+
+/// The id of an object, else its plugin and line.
+pub(super) fn label(n: &Node) -> String {
+    n.id.clone().unwrap_or_else(|| format!("{}@{}", if n.plugin.is_empty() { &n.tag } else { &n.plugin }, n.span.line))
+}
+
+impl<R: Real> Reader<'_, R> {
+    fn scene(&mut self, root: &Node) -> Result<()> {
+        match root.child("integrator")? {
+            Some(n) => self.parts.integrator = integrator(n)?,
+            None => {
+                return Err(Error::scene(
+                    &root.span,
+                    "the scene has no <integrator>",
+                    "add <integrator type=\"volpath\"/>, with max_depth if wanted",
+                ));
+            }
+        }
+        for n in root.children("medium") {
+            self.medium(n)?;
+        }
+        for n in root.children("shape") {
+            self.shape(n)?;
+        }
+        for n in root.children("emitter") {
+            self.emitter(n, None)?;
+        }
+        let environments: Vec<&LightPart<R>> = self
+            .parts
+            .lights
+            .iter()
+            .filter(|l| matches!(l.kind, LightKindPart::Constant | LightKindPart::Envmap { .. }))
+            .collect();
+        if let [_, second, ..] = environments[..] {
+            return Err(Error::scene(&second.span, "the scene has two environment emitters", "keep one of them"));
+        }
+        for n in root.children("sensor") {
+            let s = self.sensor(n)?;
+            self.parts.sensors.push(s);
+        }
+        if self.parts.sensors.is_empty() {
+            let remedy = "add <sensor type=\"perspective\"> with a to_world transform";
+            return Err(Error::scene(&root.span, "the scene has no <sensor>", remedy));
+        }
+        Ok(())
+    }
+
+    /// The surface of a `<bsdf>`, compiled once.
+    pub fn surface(&mut self, n: &Node) -> Result<usize> {
+        if let Some(&i) = self.surface_of.get(&n.key()) {
+            return Ok(i);
+        }
+        let part = self.bsdf(n, false)?;
+        self.parts.surfaces.push(part);
+        self.parts.surface_names.push(label(n));
+        self.surface_of.insert(n.key(), self.parts.surfaces.len() - 1);
+        Ok(self.parts.surfaces.len() - 1)
+    }
+
+    /// The medium of a `<medium>`, compiled once.
+    pub fn medium(&mut self, n: &Node) -> Result<usize> {
+        if let Some(&i) = self.medium_of.get(&n.key()) {
+            return Ok(i);
+        }
+        let part = self.medium_part(n)?;
+        self.parts.media.push(part);
+        self.medium_of.insert(n.key(), self.parts.media.len() - 1);
+        Ok(self.parts.media.len() - 1)
+    }
+
+    pub fn medium_child(&mut self, n: &Node, name: &str) -> Result<Option<usize>> {
+        match n.named(name)? {
+            Some(m) if m.tag == "medium" => Ok(Some(self.medium(m)?)),
+            Some(m) => {
+                Err(n.err(name, format!("`{name}` is a <{}>", m.tag), "refer to a <medium> here"))
+            }
+            None => Ok(None),
+        }
+    }
+}
+
+fn integrator(n: &Node) -> Result<IntegratorPart> {
+    const PLUGINS: [&str; 4] = ["path", "volpath", "volpathmis", "direct"];
+    if !PLUGINS[..3].contains(&n.plugin.as_str()) {
+        return Err(n.unknown_plugin(&PLUGINS[..3]));
+    }
+    let depth = n.int("max_depth", -1)?;
+    let rr = n.int("rr_depth", 5)?;
+    if depth < -1 {
+        return Err(n.err("max_depth", format!("max_depth is {depth}"), "use -1 for no limit, or a number >= 0"));
+    }
+    if rr < 1 {
+        return Err(n.err("rr_depth", format!("rr_depth is {rr}"), "use a number >= 1"));
+    }
+    Ok(IntegratorPart {
+        max_depth: u32::try_from(depth).unwrap_or(u32::MAX),
+        rr_depth: u32::try_from(rr).unwrap_or(u32::MAX),
+        hide_emitters: n.bool("hide_emitters", false)?,
+    })
+}

@@ -1,0 +1,251 @@
+//! Readers of shapes, surfaces, lights and media: names, defaults and ranges as Mitsuba 3 has them.
+
+use super::desc::Node;
+use super::parts::{
+    LightKindPart, LightPart, MediumPart, Reader, ShapeKind, ShapePart, SurfacePart, VolumePart, label,
+};
+use crate::error::{Error, Result};
+use crate::math::{DVec3, Real, V3};
+use std::path::PathBuf;
+
+const SHAPES: [&str; 6] = ["obj", "ply", "rectangle", "cube", "disk", "sphere"];
+const BSDFS: [&str; 3] = ["diffuse", "null", "twosided"];
+const EMITTERS: [&str; 6] = ["area", "point", "spot", "directional", "constant", "envmap"];
+const MEDIA: [&str; 2] = ["homogeneous", "heterogeneous"];
+const VOLUMES: [&str; 3] = ["constvolume", "gridvolume", "openvdb"];
+const PHASES: [&str; 2] = ["isotropic", "hg"];
+
+/// A check of a value's range with the error at the property.
+fn require(n: &Node, prop: &str, ok: bool, what: String, remedy: &str) -> Result<()> {
+    if ok { Ok(()) } else { Err(n.err(prop, what, remedy)) }
+}
+
+fn needs_file(n: &Node) -> Result<PathBuf> {
+    n.path("filename")?.ok_or_else(|| n.err("filename", "no `filename`", "add <string name=\"filename\" value=\"...\"/>"))
+}
+
+impl<R: Real> Reader<'_, R> {
+    pub(super) fn shape(&mut self, n: &Node) -> Result<()> {
+        let kind = match n.plugin.as_str() {
+            "obj" => ShapeKind::Obj(needs_file(n)?),
+            "ply" => ShapeKind::Ply(needs_file(n)?),
+            "rectangle" => ShapeKind::Rectangle,
+            "cube" => ShapeKind::Cube,
+            "disk" => ShapeKind::Disk,
+            "sphere" => {
+                let radius: R = n.float(self.env, "radius", 1.0)?;
+                let value = radius.value();
+                require(n, "radius", value > 0.0, format!("radius is {value}"), "use a radius > 0")?;
+                ShapeKind::Sphere { center: n.point(self.env, "center", DVec3::ZERO)?, radius }
+            }
+            _ => return Err(n.unknown_plugin(&SHAPES)),
+        };
+        let to_world = n.transform(self.env, "to_world")?;
+        let interior = self.medium_child(n, "interior")?;
+        let exterior = self.medium_child(n, "exterior")?;
+        let bsdf = n.child("bsdf")?;
+        let surface = match bsdf {
+            Some(b) => self.surface(b)?,
+            None => {
+                // Mitsuba's default: a diffuse reflectance of one half.
+                self.parts.surfaces.push(SurfacePart::Diffuse { reflectance: [R::from(0.5); 3], two_sided: false });
+                self.parts.surface_names.push(format!("{}.default_bsdf", label(n)));
+                self.parts.surfaces.len() - 1
+            }
+        };
+        let index = self.parts.shapes.len();
+        let face_normals = matches!(kind, ShapeKind::Obj(_) | ShapeKind::Ply(_)) && n.bool("face_normals", false)?;
+        self.parts.shapes.push(ShapePart {
+            name: label(n),
+            span: n.span.clone(),
+            kind,
+            to_world,
+            flip_normals: n.bool("flip_normals", false)?,
+            face_normals,
+            surface,
+            default_surface: bsdf.is_none(),
+            interior,
+            exterior,
+            light: None,
+        });
+        if let Some(e) = n.child("emitter")? {
+            if e.plugin != "area" {
+                let remedy = "an emitter inside a shape is `area`; put the others at the top level";
+                return Err(Error::scene(&e.span, format!("emitter `{}` inside a shape", e.plugin), remedy));
+            }
+            self.emitter(e, Some(index))?;
+            self.parts.shapes[index].light = Some(self.parts.lights.len() - 1);
+        }
+        Ok(())
+    }
+
+    pub(super) fn bsdf(&mut self, n: &Node, two_sided: bool) -> Result<SurfacePart<R>> {
+        match n.plugin.as_str() {
+            "diffuse" => {
+                if let Some(t) = n.named("reflectance")? {
+                    let what = format!("a {} as reflectance is not available yet", t.title());
+                    return Err(Error::scene(&t.span, what, "use <rgb name=\"reflectance\" value=\"...\"/>"));
+                }
+                let reflectance: [R; 3] = n.rgb(self.env, "reflectance", 0.5)?;
+                let ok = reflectance.iter().all(|x| (0.0..=1.0).contains(&x.value()));
+                let text = format!("reflectance is {:?}", reflectance.map(R::value));
+                require(n, "reflectance", ok, text, "a reflectance lies between 0 and 1")?;
+                Ok(SurfacePart::Diffuse { reflectance, two_sided })
+            }
+            "null" if two_sided => {
+                Err(Error::scene(&n.span, "a twosided null makes no sense", "use the null bsdf by itself"))
+            }
+            "null" => Ok(SurfacePart::Null),
+            "twosided" if !two_sided => {
+                let inner: Vec<&Node> = n.children("bsdf").collect();
+                match inner[..] {
+                    [b] => self.bsdf(b, true),
+                    _ => Err(Error::scene(
+                        &n.span,
+                        format!("twosided has {} nested bsdfs", inner.len()),
+                        "nest exactly one (two different sides are not available yet)",
+                    )),
+                }
+            }
+            _ => Err(n.unknown_plugin(&BSDFS)),
+        }
+    }
+
+    /// `shape`: the index of the shape that an area emitter is nested in.
+    pub(super) fn emitter(&mut self, n: &Node, shape: Option<usize>) -> Result<()> {
+        let env = self.env;
+        let (kind, value, name) = match n.plugin.as_str() {
+            "area" => {
+                let Some(shape) = shape else {
+                    return Err(Error::scene(&n.span, "an area emitter outside a shape", "nest it in its <shape>"));
+                };
+                (LightKindPart::Area { shape }, n.rgb(env, "radiance", 1.0)?, "radiance")
+            }
+            "point" => {
+                let position = match n.has("position") {
+                    true => n.point(env, "position", DVec3::ZERO)?,
+                    false => n.transform(env, "to_world")?.column(3),
+                };
+                (LightKindPart::Point { position }, n.rgb(env, "intensity", 1.0)?, "intensity")
+            }
+            "spot" => {
+                let cutoff: R = n.float(env, "cutoff_angle", 20.0)?;
+                let beam = match n.float_opt(env, "beam_width")? {
+                    Some(b) => b,
+                    None => cutoff * 0.75,
+                };
+                let (c, b) = (cutoff.value(), beam.value());
+                require(n, "cutoff_angle", c > 0.0 && c < 180.0, format!("cutoff_angle is {c}"), "use 0 < angle < 180")?;
+                let text = format!("beam_width is {b}, cutoff_angle {c}");
+                require(n, "beam_width", b >= 0.0 && b < c, text, "use 0 <= beam_width < cutoff_angle")?;
+                let to_world = n.transform(env, "to_world")?;
+                let kind = LightKindPart::Spot { to_world, beam: beam.to_radians(), cutoff: cutoff.to_radians() };
+                (kind, n.rgb(env, "intensity", 1.0)?, "intensity")
+            }
+            "directional" => {
+                let d = match n.has("direction") {
+                    true => n.vector(env, "direction", DVec3::Z)?,
+                    false => n.transform(env, "to_world")?.vector(V3::constant(DVec3::Z)),
+                };
+                let length = d.value().length();
+                require(n, "direction", length > 0.0, "direction is zero".into(), "give a vector of some length")?;
+                (LightKindPart::Directional { direction: d.normalize() }, n.rgb(env, "irradiance", 1.0)?, "irradiance")
+            }
+            "constant" => (LightKindPart::Constant, n.rgb(env, "radiance", 1.0)?, "radiance"),
+            "envmap" => {
+                let to_world = n.transform(env, "to_world")?;
+                let scale: R = n.float(env, "scale", 1.0)?;
+                (LightKindPart::Envmap { path: needs_file(n)?, to_world }, [scale; 3], "scale")
+            }
+            _ => return Err(n.unknown_plugin(&EMITTERS)),
+        };
+        let ok = value.iter().all(|x| x.value() >= 0.0);
+        let text = format!("{name} is {:?}", value.map(R::value));
+        require(n, name, ok, text, "light is not negative")?;
+        let medium = match n.child("medium")? {
+            Some(m) => Some(self.medium(m)?),
+            None => None,
+        };
+        self.parts.lights.push(LightPart { name: label(n), span: n.span.clone(), kind, value, medium });
+        Ok(())
+    }
+
+    pub(super) fn medium_part(&mut self, n: &Node) -> Result<MediumPart<R>> {
+        if !MEDIA.contains(&n.plugin.as_str()) {
+            return Err(n.unknown_plugin(&MEDIA));
+        }
+        let density = self.volume(n, "sigma_t", 1.0)?;
+        let albedo = self.volume(n, "albedo", 0.75)?;
+        let scale: R = n.float(self.env, "scale", 1.0)?;
+        let s = scale.value();
+        require(n, "scale", s >= 0.0, format!("scale is {s}"), "extinction is not negative")?;
+        if let VolumePart::Constant(c) = &density {
+            let ok = c.iter().all(|x| x.value() >= 0.0);
+            let text = format!("sigma_t is {:?}", c.map(R::value));
+            require(n, "sigma_t", ok, text, "extinction is not negative")?;
+        }
+        if let VolumePart::Constant(c) = &albedo {
+            let ok = c.iter().all(|x| (0.0..=1.0).contains(&x.value()));
+            let text = format!("albedo is {:?}", c.map(R::value));
+            require(n, "albedo", ok, text, "an albedo lies between 0 and 1")?;
+        }
+        if n.plugin == "homogeneous" && (density.to_world().is_some() || albedo.to_world().is_some()) {
+            let remedy = "use <medium type=\"heterogeneous\">";
+            return Err(Error::scene(&n.span, "a homogeneous medium with a grid volume", remedy));
+        }
+        let g = match n.child("phase")? {
+            None => None,
+            Some(p) => match p.plugin.as_str() {
+                "isotropic" => None,
+                "hg" => {
+                    let g: R = p.float(self.env, "g", 0.8)?;
+                    let v = g.value();
+                    let text = format!("g is {v}");
+                    require(p, "g", v > -1.0 && v < 1.0, text, "the mean cosine lies between -1 and 1, ends excluded")?;
+                    Some(g)
+                }
+                _ => return Err(p.unknown_plugin(&PHASES)),
+            },
+        };
+        Ok(MediumPart { name: label(n), span: n.span.clone(), density, albedo, scale, g })
+    }
+
+    /// A number, a colour or a nested `<volume>`.
+    fn volume(&mut self, n: &Node, name: &str, default: f64) -> Result<VolumePart<R>> {
+        let Some(v) = n.named(name)? else {
+            return Ok(VolumePart::Constant(n.rgb(self.env, name, default)?));
+        };
+        if v.tag != "volume" {
+            return Err(n.err(name, format!("`{name}` is a <{}>", v.tag), "nest a <volume> here"));
+        }
+        match v.plugin.as_str() {
+            "constvolume" => Ok(VolumePart::Constant(v.rgb(self.env, "value", 1.0)?)),
+            "gridvolume" => {
+                let filter = v.string("filter_type", "trilinear")?;
+                let wrap = v.string("wrap_mode", "clamp")?;
+                let smooth = filter == "trilinear";
+                require(v, "filter_type", smooth || filter == "nearest", format!("filter_type is `{filter}`"), "use trilinear or nearest")?;
+                require(v, "wrap_mode", wrap == "clamp", format!("wrap_mode `{wrap}`"), "only clamp is available")?;
+                // `raw` says that values are not colours: they never are here.
+                v.bool("raw", true)?;
+                v.bool("accel", true)?;
+                let path = needs_file(v)?;
+                let mut to_world = v.transform(self.env, "to_world")?;
+                if v.bool("use_grid_bbox", false)? {
+                    let (lo, hi) = crate::medium::grid::vol::read_bbox(&path)
+                        .map_err(|e| v.err("filename", e, "give a Mitsuba .vol file (version 3, float32)"))?;
+                    let size = V3::constant(hi - lo);
+                    to_world = to_world * super::transform::translate(V3::constant(lo)) * super::transform::scale(size);
+                }
+                Ok(VolumePart::Vol { path, to_world, span: v.span_of("filename"), smooth })
+            }
+            "openvdb" => Ok(VolumePart::Vdb {
+                path: needs_file(v)?,
+                grid: v.string("grid_name", "density")?,
+                to_world: v.transform(self.env, "to_world")?,
+                span: v.span_of("filename"),
+            }),
+            _ => Err(v.unknown_plugin(&VOLUMES)),
+        }
+    }
+}

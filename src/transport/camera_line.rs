@@ -1,0 +1,225 @@
+//! The camera line: everything between the camera and the first opaque surface, of which the depth is known exactly.
+//!
+//! `L = T L_end + integral of T sigma_s L_ins` [T](1) is split into its two parts: the unscattered part keeps the exact
+//! transmittance, the scattered part is a collision forced inside the line (density `sigma_t T / (1 - T_end)`, truncated
+//! exponential, [T] section 9). Thin media then lose no sample, and a white furnace is exact. Where the line ends on a
+//! reflecting surface one of the two parts is followed, chosen with a probability near its transmittance.
+
+use super::connect;
+use super::record::{Event, MediumSpan, Recorder};
+use super::tracking::{self, Forced};
+use super::walk::{Flight, Stage, State, Walker};
+use crate::math::Rgb;
+use crate::medium::Volume;
+use crate::scene::{Hit, On};
+
+/// One medium span of the line, with the optical depth in front of it and in it.
+struct Piece {
+    span: MediumSpan,
+    before: Rgb,
+    depth: Rgb,
+}
+
+/// Start a camera path: score the extra connections and candidates of the line, return the state to walk on from
+/// (with the unscattered part pending where both are followed).
+pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
+    let scene = w.scene;
+    let from_camera = s.clone();
+    let mut pieces: Vec<Piece> = Vec::new();
+    let mut total = Rgb::ZERO;
+    let end = loop {
+        let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
+        if let Some(id) = s.medium {
+            let m = &scene.media[id as usize];
+            if matches!(&m.density, Volume::Grid(g) if g.channels() == 3) {
+                // No inverse for three extinctions at once: walk instead.
+                return from_camera;
+            }
+            let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+            let span = MediumSpan { medium: id, o: s.o, w: s.w, t0: 0.0, t1 };
+            let depth = tracking::depth(m, &span);
+            pieces.push(Piece { span, before: total, depth });
+            total += depth;
+        }
+        let Some(h) = hit else { break None };
+        let shape = &scene.shapes[h.shape as usize];
+        let passes = scene.surfaces[shape.surface as usize].is_null() && shape.light.is_none();
+        if !passes || pieces.len() >= scene.max_interfaces {
+            break Some(h);
+        }
+        s.medium = shape.medium_behind(s.w, h.n, s.medium);
+        s.on = s.on.crossed(&h, scene.tolerance(h.p));
+        s.o = h.p;
+    };
+    if pieces.is_empty() {
+        return unscattered(s, end, Rgb::ONE);
+    }
+    let prefix = s.beta;
+    let transmitted = total.map(|t| (-t).exp());
+    let scatters = w.may_scatter(1);
+    let share = scatter_probability(w, &pieces, &end, transmitted, scatters);
+    if scatters {
+        for k in 0..pieces.len() {
+            side_estimates(w, &mut s, &pieces[..=k], prefix, share, total);
+        }
+    }
+
+    // Follow both parts, or one of them.
+    let both = share.both;
+    let scattered = scatters && share.scatter > 0.0 && (both || s.rng.uniform() < share.scatter);
+    let mut passing = None;
+    if both || !scattered {
+        let p = if both { 1.0 } else { 1.0 - share.scatter };
+        if !transmitted.is_zero() {
+            passing = Some(unscattered(s.clone(), end, prefix * transmitted * (1.0 / p)));
+        }
+    }
+    if scattered {
+        w.rec.push(Event::Chain);
+        let p = if both { 1.0 } else { share.scatter };
+        let mut c = force_collision(w, s, &pieces, total, p);
+        c.pending = record_passing(w, passing, &pieces, true).map(Box::new);
+        return c;
+    }
+    let idle = State { stage: Stage::Done, ..s };
+    record_passing(w, passing, &pieces, false).unwrap_or(idle)
+}
+
+#[derive(Clone, Copy)]
+struct Share {
+    scatter: f64,
+    both: bool,
+}
+
+/// Whether both parts are followed, and otherwise how often the scattered one.
+fn scatter_probability<R: Recorder>(
+    w: &Walker<R>,
+    pieces: &[Piece],
+    end: &Option<Hit>,
+    transmitted: Rgb,
+    scatters: bool,
+) -> Share {
+    let scene = w.scene;
+    let any = pieces.iter().any(|p| !scene.media[p.span.medium as usize].sigma_s.is_zero() && !p.depth.is_zero());
+    if !scatters || !any {
+        return Share { scatter: 0.0, both: false };
+    }
+    let reflects = end.as_ref().is_some_and(|h| scene.reflects(h));
+    if reflects {
+        Share { scatter: 0.05 + 0.9 * (1.0 - transmitted.mean()), both: false }
+    } else {
+        Share { scatter: 1.0, both: true }
+    }
+}
+
+/// Density per length of the forced collision at `t` of `piece`, per channel.
+fn forced_density<R: Recorder>(w: &Walker<R>, piece: &Piece, total: Rgb, t: f64) -> Rgb {
+    let m = &w.scene.media[piece.span.medium as usize];
+    let part = MediumSpan { t1: t, ..piece.span };
+    let depth = piece.before + tracking::depth(m, &part);
+    let (sigma_t, _) = m.coefficients(piece.span.o + piece.span.w * t);
+    // 1 - T of nothing is nothing: no collision is forced there.
+    Rgb::from_fn(|c| if total[c] > 0.0 { sigma_t[c] * (-depth[c]).exp() / -(-total[c]).exp_m1() } else { 0.0 })
+}
+
+/// The equi-angular connection and the candidate of a derivative vertex on the last of `pieces`.
+fn side_estimates<R: Recorder>(
+    w: &mut Walker<R>,
+    s: &mut State,
+    pieces: &[Piece],
+    prefix: Rgb,
+    share: Share,
+    total: Rgb,
+) {
+    let Some((piece, lead)) = pieces.split_last() else { return };
+    let before = piece.before.map(|t| (-t).exp());
+    if before.is_zero() {
+        return;
+    }
+    if w.scene.has_local_lights() {
+        w.rec.push(Event::Chain);
+        let first = w.rec.side_len();
+        if R::ON {
+            lead.iter().for_each(|q| w.rec.side_span(q.span));
+        }
+        let density = |w: &Walker<R>, t: f64| forced_density(w, piece, total, t).mean() * share.scatter;
+        connect::equiangular(w, &mut s.rng, piece.span, prefix * before, 0, first, density);
+    }
+    if let Some(rng) = w.rec.candidate_rng() {
+        let m = &w.scene.media[piece.span.medium as usize];
+        if let Some((t, weight)) = tracking::transmittance_point(m, &piece.span, piece.depth, rng) {
+            let p = piece.span.o + piece.span.w * t;
+            let weight = prefix * before * weight;
+            let density = forced_density(w, piece, total, t).mean() * share.scatter;
+            let flight = Flight { span: Some(piece.span), density };
+            w.rec.push(Event::Candidate { medium: piece.span.medium, p, w: piece.span.w, weight, flight });
+        }
+    }
+}
+
+/// A collision inside the line.
+fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Piece], total: Rgb, p: f64) -> State {
+    let scene = w.scene;
+    let Forced { piece: k, t, hero } = tracking::force(
+        pieces.iter().map(|q| (&scene.media[q.span.medium as usize], &q.span, q.before, q.depth)),
+        total,
+        &mut s.rng,
+    );
+    let piece = &pieces[k];
+    let m = &scene.media[piece.span.medium as usize];
+    let point = piece.span.o + piece.span.w * t;
+    let density = forced_density(w, piece, total, t);
+    if total.is_gray() && m.gray {
+        s.beta *= m.albedo_at(point) * (-(-total[0]).exp_m1() / p);
+    } else {
+        let part = MediumSpan { t1: t, ..piece.span };
+        let depth = piece.before + tracking::depth(m, &part);
+        let (_, sigma_s) = m.coefficients(point);
+        let d = density[hero];
+        s.beta = Rgb::from_fn(|c| s.beta[c] * (-depth[c]).exp() * sigma_s[c] / (d * p));
+        s.r = Rgb::from_fn(|c| s.r[c] * density[c] / d);
+    }
+    s.hero = hero;
+    s.flight = Flight { span: Some(piece.span), density: density.mean() * p };
+    if R::ON {
+        for q in &pieces[..k] {
+            w.rec.push(Event::Span { span: q.span, prefix: None });
+        }
+        w.rec.push(Event::Span { span: MediumSpan { t1: t, ..piece.span }, prefix: None });
+    }
+    s.medium = Some(piece.span.medium);
+    s.o = point;
+    s.on = On::default();
+    s.stage = Stage::Medium;
+    s
+}
+
+/// The state behind the line with nothing scattered on it.
+fn unscattered(mut s: State, end: Option<Hit>, beta: Rgb) -> State {
+    s.beta = beta;
+    s.stage = match end {
+        Some(h) => Stage::Surface(h),
+        None => Stage::Escape,
+    };
+    s
+}
+
+/// Remember which spans the unscattered part crossed, so that the sweep can score them.
+fn record_passing<R: Recorder>(
+    w: &mut Walker<R>,
+    passing: Option<State>,
+    pieces: &[Piece],
+    pending: bool,
+) -> Option<State> {
+    let mut s = passing?;
+    if R::ON {
+        let spans: Vec<MediumSpan> = pieces.iter().map(|p| p.span).collect();
+        if pending {
+            s.line = Some(spans.into());
+        } else {
+            w.rec.push(Event::Chain);
+            spans.into_iter().for_each(|span| w.rec.push(Event::Span { span, prefix: None }));
+        }
+    }
+    Some(s)
+}

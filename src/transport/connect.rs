@@ -1,0 +1,199 @@
+//! Connections to lights (next-event estimation), and how they share the work with the other techniques.
+//!
+//! Techniques that can make the same light path: (direction) a phase- or BSDF-sampled direction that meets the light,
+//! against a direction drawn from the light; (distance) a collision of the free flight, against an equi-angular point on
+//! the same span. Balance-heuristic weights of geometric densities [T](61); homogeneous transmittance counts as the
+//! survival probability of a sampled direction.
+
+use super::record::{Event, MediumSpan, Recorder};
+use super::transmit;
+use super::walk::{Flight, State, Walker};
+use crate::light::Arrival;
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
+use crate::phase::one_minus_cos;
+use crate::scene::On;
+use crate::surface::Surface;
+
+/// Mean survival of a sampled direction over an optical depth.
+fn survival(tau: Rgb) -> f64 {
+    if tau.is_zero() { 1.0 } else { tau.map(|t| (-t).exp()).mean() }
+}
+
+/// Weight of a direction drawn with density `p_direction` that crossed `tau` and met a light whose own
+/// density for it is `p_light` (both per solid angle).
+pub fn direction_share(p_direction: f64, tau: Rgb, p_light: f64) -> f64 {
+    let d = p_direction * survival(tau);
+    // Both may underflow after a huge depth: then the walk should not have arrived, and all weight is its own.
+    if d + p_light > 0.0 { d / (d + p_light) } else { 1.0 }
+}
+
+/// Distance geometry of a light beside a straight span.
+struct Angles {
+    /// Abscissa of the closest approach, distance there.
+    t_closest: f64,
+    h: f64,
+    /// Angle at the span's start, angle subtended by the span.
+    start: f64,
+    range: f64,
+}
+
+impl Angles {
+    fn new(light: DVec3, span: &MediumSpan) -> Self {
+        let d = light - span.o;
+        let t_closest = d.dot(span.w);
+        let h = (d - span.w * t_closest).length();
+        let a = span.t0 - t_closest;
+        let start = a.atan2(h);
+        let range = if span.t1 == f64::INFINITY {
+            std::f64::consts::FRAC_PI_2 - start
+        } else {
+            // Difference of the two angles without cancelling.
+            let b = span.t1 - t_closest;
+            ((span.t1 - span.t0) * h).atan2(h * h + a * b)
+        };
+        Angles { t_closest, h, start, range }
+    }
+
+    /// Density per length at abscissa `t` [T] 5.5.
+    fn density(&self, t: f64) -> f64 {
+        let d = t - self.t_closest;
+        self.h / (self.range * (self.h * self.h + d * d))
+    }
+
+    fn sample(&self, u: f64, span: &MediumSpan) -> f64 {
+        (self.t_closest + self.h * (self.start + u * self.range).tan()).clamp(span.t0, span.t1)
+    }
+
+    fn usable(&self) -> bool {
+        self.h > 0.0 && self.range > 0.0
+    }
+}
+
+/// Share of the free flight of density `p_flight` at abscissa `t` for the light `id` of the position `light`.
+fn flight_share(w: &Walker<impl Recorder>, id: u32, light: DVec3, flight: &Flight, t: f64) -> f64 {
+    let Some(span) = &flight.span else { return 1.0 };
+    let angles = Angles::new(light, span);
+    if !angles.usable() {
+        return 1.0;
+    }
+    let flight = w.scene.selection(id) * flight.density;
+    let equi = w.scene.local_selection(id) * angles.density(t);
+    if flight + equi > 0.0 { flight / (flight + equi) } else { 1.0 }
+}
+
+/// Next-event estimation from a collision in medium `id` at `s.o`.
+pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
+    let Some((light, probability)) = w.scene.select_light(s.rng.uniform()) else { return };
+    let (u, v) = (s.rng.uniform(), s.rng.uniform());
+    let Some(a) = w.scene.arrival(light, s.o, u, v) else { return };
+    let phase = &w.scene.media[id as usize].phase;
+    let m = one_minus_cos(s.w, -a.w);
+    let f = phase.eval(m);
+    let mut share = 1.0;
+    if let Some(center) = w.scene.lights[light as usize].center() {
+        let t = s.flight.span.map_or(0.0, |span| (s.o - span.o).dot(span.w));
+        share = flight_share(w, light, center, &s.flight, t);
+    }
+    let weight = s.beta / s.r.mean() * (f * a.factor / probability * share);
+    finish(w, s, &a, &On::default(), weight, probability, f, Some((id, m)));
+}
+
+/// Next-event estimation from a surface at `s.o`, reflectance already in `s.beta`.
+pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Surface, n: DVec3, wi: DVec3) {
+    let Some((light, probability)) = w.scene.select_light(s.rng.uniform()) else { return };
+    let (u, v) = (s.rng.uniform(), s.rng.uniform());
+    let Some(a) = w.scene.arrival(light, s.o, u, v) else { return };
+    let f = surface.eval_unit(n, wi, a.w);
+    if f <= 0.0 {
+        return;
+    }
+    let weight = s.beta / s.r.mean() * (f * a.factor / probability);
+    let on = s.on;
+    finish(w, s, &a, &on, weight, probability, f, None);
+}
+
+/// The extra connection of a medium span: a point drawn by the angle it subtends at a light with a position,
+/// bounded where free flight diverges like 1/r^2 [T] 5.5. `prefix` is the weight at the span's start; `flight_density`
+/// the competing density per length; `first` the first recorded span of the connection.
+pub fn equiangular<R: Recorder>(
+    w: &mut Walker<R>,
+    rng: &mut Rng,
+    span: MediumSpan,
+    prefix: Rgb,
+    depth: u32,
+    first: u32,
+    flight_density: impl Fn(&Walker<R>, f64) -> f64,
+) {
+    let scene = w.scene;
+    let Some((light, q)) = scene.select_local_light(rng.uniform()) else { return };
+    let (u, v, x) = (rng.uniform(), rng.uniform(), rng.uniform());
+    let Some(center) = scene.lights[light as usize].center() else { return };
+    let angles = Angles::new(center, &span);
+    if !angles.usable() {
+        // The light stands on the ray: the picture diverges there, and says so.
+        w.tally.light_on_ray += u64::from(depth == 0 && angles.h == 0.0);
+        return;
+    }
+    let t = angles.sample(u, &span);
+    let p = span.o + span.w * t;
+    let Some(a) = scene.arrival(light, p, v, x) else { return };
+    let medium = &scene.media[span.medium as usize];
+    let (_, sigma_s) = medium.coefficients(p);
+    if sigma_s.is_zero() && !R::ON {
+        return;
+    }
+    let equi = q * angles.density(t);
+    let flight = scene.selection(light) * flight_density(w, t);
+    let part = MediumSpan { t1: t, ..span };
+    // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
+    let mut unscored = *rng;
+    let rng = if sigma_s.is_zero() { &mut unscored } else { rng };
+    let transmittance = transmit::one_span(scene, &part, rng);
+    if R::ON {
+        w.rec.side_span(part);
+    }
+    let m = one_minus_cos(span.w, -a.w);
+    let f = medium.phase.eval(m);
+    let weight = prefix * transmittance * (f * a.factor / (equi + flight));
+    let Some((t, _)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
+    score(w, &a, weight * t, first, Some((span.medium, m)), Some((span.medium, p, sigma_s)));
+}
+
+/// Weight against direction sampling, trace the shadow ray, score.
+fn finish<R: Recorder>(
+    w: &mut Walker<R>,
+    s: &mut State,
+    a: &Arrival,
+    on: &On,
+    weight: Rgb,
+    probability: f64,
+    p_direction: f64,
+    phase: Option<(u32, f64)>,
+) {
+    let first = w.rec.side_len();
+    let Some((t, tau)) = transmit::shadow(w, &mut s.rng, s.medium, s.o, on, a) else { return };
+    let mut weight = weight * t;
+    if a.pdf > 0.0 {
+        // What `direction_share` leaves over.
+        let light = probability * a.pdf;
+        weight *= light / (light + p_direction * survival(tau));
+    }
+    score(w, a, weight, first, phase, None);
+}
+
+fn score<R: Recorder>(
+    w: &mut Walker<R>,
+    a: &Arrival,
+    weight: Rgb,
+    first_span: u32,
+    phase: Option<(u32, f64)>,
+    scatter: Option<(u32, DVec3, Rgb)>,
+) {
+    let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);
+    w.value += weight * sigma_s * a.emission.color();
+    if R::ON {
+        let spans = w.rec.side_len() - first_span;
+        w.rec.push(Event::Connect { weight, emission: a.emission, first_span, spans, phase, scatter });
+    }
+}

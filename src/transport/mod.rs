@@ -1,0 +1,33 @@
+//! Transport: walks, what they record, and the sweep that turns a record into partial derivatives.
+
+pub mod camera_line;
+pub mod connect;
+pub mod record;
+pub mod sweep;
+pub mod tracking;
+pub mod transmit;
+pub mod walk;
+
+pub use record::{NoRecord, PathRecord};
+pub use sweep::{Sweep, SweepFacts};
+pub use walk::{Settings, State, Tally};
+
+use crate::math::Rgb;
+use crate::scene::Scene;
+
+/// The value of one camera path.
+pub fn sample(scene: &Scene, set: &Settings, state: State, tally: &mut Tally) -> Rgb {
+    let mut rec = NoRecord;
+    let mut w = walk::Walker::new(scene, set, &mut rec);
+    let s = camera_line::start(&mut w, state);
+    w.run(s);
+    add_tally(tally, &w.tally);
+    w.value
+}
+
+fn add_tally(to: &mut Tally, from: &Tally) {
+    to.capped += from.capped;
+    to.truncated += from.truncated;
+    to.light_on_ray += from.light_on_ray;
+    to.missed_boundary += from.missed_boundary;
+}

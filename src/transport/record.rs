@@ -1,0 +1,153 @@
+//! The record of a path: what the backward sweep needs, in the order in which it happened.
+//!
+//! A record holds one or two chains (`Event::Chain` starts one): the scattered and the unscattered part of a camera line.
+//! Memory is bounded: a path longer than `CHUNK` events keeps checkpoints, and the sweep regenerates one chunk at a time.
+
+use super::sweep::Candidates;
+use super::walk::{Flight, State};
+use crate::light::Emission;
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
+
+/// Events held at a time.
+pub const CHUNK: usize = 4096;
+
+/// A straight piece inside one medium.
+#[derive(Clone, Copy, Debug)]
+pub struct MediumSpan {
+    pub medium: u32,
+    pub o: DVec3,
+    pub w: DVec3,
+    pub t0: f64,
+    pub t1: f64,
+}
+
+/// Prefix weights at the start of a walked span, for candidates of the derivative vertex [T](65).
+#[derive(Clone, Copy, Debug)]
+pub struct Prefix {
+    pub beta: Rgb,
+    pub r: Rgb,
+    pub depth: u32,
+    /// Where the span would have ended without a collision.
+    pub t_end: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum Event {
+    /// A new chain begins: what follows does not depend on what came before.
+    Chain,
+    /// A walked piece; `prefix` where its points are candidates.
+    Span { span: MediumSpan, prefix: Option<Prefix> },
+    /// A point drawn on the camera line with known weight: a candidate.
+    Candidate { medium: u32, p: DVec3, w: DVec3, weight: Rgb, flight: Flight },
+    /// A collision: factor sigma_s of everything after it.
+    Scatter { medium: u32, p: DVec3 },
+    /// The phase function of the continuation.
+    Turn { medium: u32, one_minus_mu: f64 },
+    /// A reflection: factor rho. `prefix.beta/r` before it, for the candidate at small rho.
+    Surface { surface: u32, hit: super::Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
+    /// Light met by the walk: `weight x emission` was added.
+    Emit { weight: Rgb, emission: Emission },
+    /// A connection to a light: `weight x emission` was added; own spans, own phase, and for a point that the
+    /// walk did not visit (equi-angular), its own sigma_s as a further factor.
+    Connect {
+        weight: Rgb,
+        emission: Emission,
+        first_span: u32,
+        spans: u32,
+        phase: Option<(u32, f64)>,
+        scatter: Option<(u32, DVec3, Rgb)>,
+    },
+}
+
+/// What the walk writes to. `ON = false` compiles every write away.
+pub trait Recorder {
+    const ON: bool;
+    fn push(&mut self, e: Event);
+    fn side_span(&mut self, s: MediumSpan);
+    /// Number of side spans so far, to name a range of them.
+    fn side_len(&self) -> u32;
+    /// Called before every flight; true stops the walk there (regeneration of one chunk).
+    fn checkpoint(&mut self, state: &State) -> bool;
+    /// The stream for candidates on the camera line; `None` where none are wanted.
+    fn candidate_rng(&mut self) -> Option<&mut Rng> {
+        None
+    }
+}
+
+/// Writes nothing.
+pub struct NoRecord;
+
+impl Recorder for NoRecord {
+    const ON: bool = false;
+    fn push(&mut self, _: Event) {}
+    fn side_span(&mut self, _: MediumSpan) {}
+    fn side_len(&self) -> u32 {
+        0
+    }
+    fn checkpoint(&mut self, _: &State) -> bool {
+        false
+    }
+}
+
+
+/// One chunk of events, and the states at the starts of all chunks but the first.
+pub struct PathRecord {
+    pub events: Vec<Event>,
+    pub side: Vec<MediumSpan>,
+    pub chunk_starts: Vec<State>,
+    /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
+    pub candidates: Option<Candidates>,
+}
+
+impl PathRecord {
+    pub fn new() -> Self {
+        PathRecord { events: Vec::with_capacity(CHUNK), side: Vec::new(), chunk_starts: Vec::new(), candidates: None }
+    }
+
+    /// Ready for a new path.
+    pub fn begin(&mut self, candidates: Option<Candidates>) {
+        self.events.clear();
+        self.side.clear();
+        self.candidates = candidates;
+    }
+}
+
+impl Default for PathRecord {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Recorder for PathRecord {
+    const ON: bool = true;
+
+    fn push(&mut self, e: Event) {
+        self.events.push(e);
+    }
+
+    fn side_span(&mut self, s: MediumSpan) {
+        self.side.push(s);
+    }
+
+    fn side_len(&self) -> u32 {
+        self.side.len() as u32
+    }
+
+    fn checkpoint(&mut self, state: &State) -> bool {
+        if self.events.len() < CHUNK {
+            return false;
+        }
+        let Some(candidates) = &mut self.candidates else { return true };
+        // The chunk is complete: draw from its candidates, keep only the state that the next one starts from.
+        candidates.scan(&self.events);
+        self.events.clear();
+        self.side.clear();
+        self.chunk_starts.push(state.clone());
+        false
+    }
+
+    fn candidate_rng(&mut self) -> Option<&mut Rng> {
+        self.candidates.as_mut().map(|c| &mut c.rng)
+    }
+}

@@ -1,0 +1,348 @@
+//! The backward sweep: from a path record to partial derivatives with respect to slots, term P of [T] section 3.
+//!
+//! Going backward, `after` is what the path collected behind the point at hand (already in film units and weighted by the
+//! sampling densities, which are constants: [T] section 4). Each recorded factor `f` of the throughput contributes
+//! `(df/dslot) / f x after`, in three kinds:
+//!
+//! * transmittance of a span: `-d(depth)/dslot x after` [T](52b); the depth is integrated exactly;
+//! * phase function, reflectance, emission: their own scores, emission without dividing by itself;
+//! * the source `sigma_s L_ins` [T] 8.2 (b). A collision has density `sigma_t T` and scores `d sigma_s / sigma_s`, which is unbounded in
+//!   thin media; a point of density `T` (the derivative vertex [T](65)) needs no division but a continuation of its own. Both
+//!   are used, weighted `sigma_s / (sigma_s + kappa)` and `kappa / (sigma_s + kappa)` at every point, so neither divides by
+//!   `sigma_s`: the collision scores `d sigma_s / (sigma_s + kappa)`. Reflectance is treated alike with `KAPPA_RHO`.
+//!
+//! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
+
+use super::camera_line;
+use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
+use super::walk::{Flight, Settings, Stage, State, Tally, Walker};
+use crate::light::Emission;
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
+use crate::medium::{Medium, NO_SLOT};
+use crate::params::{ParamSet, Sink, Slot};
+use crate::scene::{Hit, On, Scene};
+use crate::surface::Surface;
+use std::sync::Arc;
+
+/// Reflectance at which a surface's derivative is shared evenly between its score and a derivative vertex.
+const KAPPA_RHO: f64 = 0.05;
+
+/// What the derivative vertex is.
+#[derive(Clone, Copy, Debug)]
+enum Vertex {
+    Medium { medium: u32, p: DVec3, w: DVec3, flight: Flight },
+    Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32> },
+}
+
+/// A reservoir over the candidates of one path [T](65).
+#[derive(Clone, Debug)]
+pub struct Candidates {
+    pub rng: Rng,
+    facts: Arc<SweepFacts>,
+    total: f64,
+    chosen: Option<(Vertex, Rgb, u32, f64)>,
+    /// Shares of the source derivative: by derivative vertices, by collision scores (dimensionless).
+    by_vertex: f64,
+    by_score: f64,
+}
+
+/// Which media and surfaces have active slots: computed once a run.
+#[derive(Clone, Debug)]
+pub struct SweepFacts {
+    media: Vec<MediumFacts>,
+    surfaces: Vec<bool>,
+    any_source: bool,
+}
+
+#[derive(Clone, Debug)]
+struct MediumFacts {
+    source: bool,
+    extinction: bool,
+    g: bool,
+    kappa: f64,
+    /// Gray media take the walked length, chromatic ones weigh the channels.
+    model: Medium,
+}
+
+impl SweepFacts {
+    pub fn new(scene: &Scene, params: &ParamSet) -> Self {
+        let media: Vec<MediumFacts> = scene
+            .media
+            .iter()
+            .map(|m| MediumFacts {
+                source: m.source_active(params),
+                extinction: m.extinction_active(params),
+                g: m.g_active(params),
+                kappa: m.kappa,
+                model: m.clone(),
+            })
+            .collect();
+        let surfaces: Vec<bool> = scene
+            .surfaces
+            .iter()
+            .map(|s| matches!(s, Surface::Diffuse { slot, .. } if params.block_active(*slot, 3)))
+            .collect();
+        let any_source = media.iter().any(|m| m.source) || surfaces.iter().any(|&s| s);
+        SweepFacts { media, surfaces, any_source }
+    }
+}
+
+impl Candidates {
+    pub fn new(facts: &Arc<SweepFacts>, rng: Rng) -> Self {
+        Candidates { rng, facts: facts.clone(), total: 0.0, chosen: None, by_vertex: 0.0, by_score: 0.0 }
+    }
+
+    /// Offer every candidate of a chunk.
+    pub fn scan(&mut self, events: &[Event]) {
+        if !self.facts.any_source {
+            return;
+        }
+        for e in events {
+            match *e {
+                Event::Candidate { medium, p, w, weight, flight } => self.medium(medium, p, w, weight, 0, flight),
+                Event::Span { span, prefix: Some(prefix) } => self.span(&span, &prefix),
+                Event::Scatter { medium, p } => {
+                    let m = &self.facts.media[medium as usize];
+                    if m.source {
+                        let s = m.model.coefficients(p).1.max();
+                        self.by_score += s / (s + m.kappa);
+                    }
+                }
+                Event::Surface { surface, hit, wi, medium, prefix } if self.facts.surfaces[surface as usize] => {
+                    let weight = prefix.beta / prefix.r.mean();
+                    self.by_score += 1.0;
+                    self.by_vertex += KAPPA_RHO * weight.max();
+                    let v = Vertex::Surface { surface, hit, wi, medium };
+                    self.offer(v, weight, prefix.depth, weight.max() * KAPPA_RHO);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// A uniform point on the walked part of a span: `E[length g(U)] = integral of T g` [T](53).
+    fn span(&mut self, span: &MediumSpan, prefix: &Prefix) {
+        let length = span.t1 - span.t0;
+        if !self.facts.media[span.medium as usize].source || !(length > 0.0 && length < f64::INFINITY) {
+            return;
+        }
+        let t = span.t0 + self.rng.uniform() * length;
+        let m = &self.facts.media[span.medium as usize].model;
+        let weight = if m.gray {
+            prefix.beta * (length / prefix.r.mean())
+        } else {
+            // The hero reached t with its own transmittance; the mixture of all three did with the mean.
+            let part = MediumSpan { t1: t, ..*span };
+            let tr = super::tracking::depth(m, &part).map(|d| (-d).exp());
+            prefix.beta * tr * (length / (prefix.r * tr).mean())
+        };
+        let whole = MediumSpan { t1: prefix.t_end, ..*span };
+        let flight = Flight { span: Some(whole), density: super::tracking::flight_density(m, &whole, t) };
+        self.medium(span.medium, span.o + span.w * t, span.w, weight, prefix.depth, flight);
+    }
+
+    fn medium(&mut self, medium: u32, p: DVec3, w: DVec3, weight: Rgb, depth: u32, flight: Flight) {
+        let facts = &self.facts.media[medium as usize];
+        if !facts.source {
+            return;
+        }
+        let k = facts.kappa;
+        let (_, sigma_s) = facts.model.coefficients(p);
+        let shared = Rgb::from_fn(|c| weight[c] * k / (sigma_s[c] + k));
+        self.by_vertex += weight.max() * k;
+        self.offer(Vertex::Medium { medium, p, w, flight }, weight, depth, shared.max() * k);
+    }
+
+    fn offer(&mut self, v: Vertex, weight: Rgb, depth: u32, selection: f64) {
+        if selection.is_nan() || selection <= 0.0 {
+            return;
+        }
+        self.total += selection;
+        if self.rng.uniform() * self.total < selection {
+            self.chosen = Some((v, weight, depth, selection));
+        }
+    }
+}
+
+/// Everything the derivative of one sample needs besides the scene.
+pub struct Sweep<'a> {
+    pub scene: &'a Scene,
+    pub set: &'a Settings,
+    pub params: &'a ParamSet,
+    pub facts: Arc<SweepFacts>,
+}
+
+impl Sweep<'_> {
+    /// Walk one camera path with a record and hand all its partials to `sink`. Returns the same value, from the same
+    /// random numbers, as [`super::sample`].
+    pub fn sample(
+        &self,
+        state: State,
+        derivative: Rng,
+        rec: &mut PathRecord,
+        sink: &mut impl Sink,
+        tally: &mut Tally,
+    ) -> Rgb {
+        rec.chunk_starts.clear();
+        rec.begin(Some(Candidates::new(&self.facts, derivative)));
+        let first = state.clone();
+        let mut w = Walker::new(self.scene, self.set, rec);
+        let s = camera_line::start(&mut w, state);
+        w.run(s);
+        let value = w.value;
+        super::add_tally(tally, &w.tally);
+        let Some(mut candidates) = rec.candidates.take() else { return value };
+        candidates.scan(&rec.events);
+
+        // Backward: the last chunk is at hand, earlier ones are walked again.
+        let mut after = self.backward(rec, Rgb::ZERO, sink);
+        let starts = std::mem::take(&mut rec.chunk_starts);
+        for k in (0..starts.len()).rev() {
+            rec.begin(None);
+            let mut w = Walker::new(self.scene, self.set, rec);
+            if k == 0 {
+                let s = camera_line::start(&mut w, first.clone());
+                w.run(s);
+            } else {
+                w.run(starts[k - 1].clone());
+            }
+            after = self.backward(rec, after, sink);
+        }
+        rec.chunk_starts = starts;
+        self.derivative_vertex(candidates, sink, tally);
+        value
+    }
+
+    fn backward(&self, rec: &PathRecord, mut after: Rgb, sink: &mut impl Sink) -> Rgb {
+        for e in rec.events.iter().rev() {
+            match e {
+                Event::Chain => after = Rgb::ZERO,
+                Event::Candidate { .. } => {}
+                Event::Span { span, .. } => self.transmittance(span, after, sink),
+                Event::Turn { medium, one_minus_mu } => self.phase(*medium, *one_minus_mu, after, sink),
+                Event::Scatter { medium, p } => self.source_score(*medium, *p, after, sink),
+                Event::Surface { surface, .. } => self.reflectance_score(*surface, after, sink),
+                Event::Emit { weight, emission } => {
+                    self.emission(*weight, emission, sink);
+                    after += *weight * emission.color();
+                }
+                Event::Connect { weight, emission, first_span, spans, phase, scatter } => {
+                    let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);
+                    self.emission(*weight * sigma_s, emission, sink);
+                    let value = *weight * sigma_s * emission.color();
+                    for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
+                        self.transmittance(span, value, sink);
+                    }
+                    if let Some((medium, m)) = phase {
+                        self.phase(*medium, *m, value, sink);
+                    }
+                    if let Some((medium, p, _)) = scatter {
+                        // Drawn without regard to sigma_s: its derivative needs neither a division nor a share.
+                        let m = &self.scene.media[*medium as usize];
+                        let l = *weight * emission.color();
+                        m.sigma_s_partials(self.params, *p, |slot, d| sink.add(slot, d * l));
+                    }
+                    after += value;
+                }
+            }
+        }
+        after
+    }
+
+    /// `T' = -Sigma_t T` [T](11), (52b).
+    fn transmittance(&self, span: &MediumSpan, after: Rgb, sink: &mut impl Sink) {
+        if !self.facts.media[span.medium as usize].extinction || after.is_zero() {
+            return;
+        }
+        let m = &self.scene.media[span.medium as usize];
+        m.depth_partials(self.params, span.o, span.w, span.t0, span.t1, |slot, d| sink.add(slot, -(d * after)));
+    }
+
+    /// `(df_p/dg) / f_p` [T](56).
+    fn phase(&self, medium: u32, one_minus_mu: f64, after: Rgb, sink: &mut impl Sink) {
+        if !self.facts.media[medium as usize].g || after.is_zero() {
+            return;
+        }
+        let m = &self.scene.media[medium as usize];
+        let (f, dg) = m.phase.eval_with_dg(one_minus_mu);
+        sink.add(m.slots.g, after * (dg / f));
+    }
+
+    /// The collision's share of the source derivative.
+    fn source_score(&self, medium: u32, p: DVec3, after: Rgb, sink: &mut impl Sink) {
+        if !self.facts.media[medium as usize].source || after.is_zero() {
+            return;
+        }
+        let m = &self.scene.media[medium as usize];
+        let (_, sigma_s) = m.coefficients(p);
+        let score = Rgb::from_fn(|c| after[c] / (sigma_s[c] + m.kappa));
+        m.sigma_s_partials(self.params, p, |slot, d| sink.add(slot, d * score));
+    }
+
+    fn reflectance_score(&self, surface: u32, after: Rgb, sink: &mut impl Sink) {
+        if !self.facts.surfaces[surface as usize] {
+            return;
+        }
+        if let Surface::Diffuse { reflectance, slot, .. } = &self.scene.surfaces[surface as usize] {
+            for c in 0..3 {
+                sink.add(slot + c as Slot, Rgb::channel(c, after[c] / (reflectance[c] + KAPPA_RHO)));
+            }
+        }
+    }
+
+    /// `d(weight x slot x unit)/d slot`: no division by the emission.
+    fn emission(&self, weight: Rgb, e: &Emission, sink: &mut impl Sink) {
+        if e.first == NO_SLOT {
+            return;
+        }
+        let d = weight * e.unit;
+        if e.per_channel {
+            for c in 0..3 {
+                if self.params.is_active(e.first + c as Slot) {
+                    sink.add(e.first + c as Slot, Rgb::channel(c, d[c]));
+                }
+            }
+        } else if self.params.is_active(e.first) {
+            sink.add(e.first, d);
+        }
+    }
+
+    /// The vertex's share of the source derivative: one forced continuation [T](65).
+    fn derivative_vertex(&self, c: Candidates, sink: &mut impl Sink, tally: &mut Tally) {
+        let Candidates { mut rng, total, chosen, by_vertex, by_score, .. } = c;
+        let Some((vertex, weight, depth, selection)) = chosen else { return };
+        // Continue in proportion to the share that this estimator carries; never less than one path in a thousand.
+        let q = (2.0 * by_vertex / (by_vertex + by_score)).clamp(1e-3, 1.0);
+        if rng.uniform() >= q {
+            return;
+        }
+        let weight = weight * (total / (selection * q));
+        let mut s = State::new(rng, DVec3::ZERO, DVec3::Z, None);
+        s.depth = depth;
+        let mut rec = NoRecord;
+        let mut w = Walker::new(self.scene, self.set, &mut rec);
+        match vertex {
+            Vertex::Medium { medium, p, w: direction, flight } => {
+                s = State { stage: Stage::Medium, flight, o: p, w: direction, medium: Some(medium), ..s };
+                w.run(s);
+                let m = &self.scene.media[medium as usize];
+                let (_, sigma_s) = m.coefficients(p);
+                let l = Rgb::from_fn(|c| w.value[c] * weight[c] * m.kappa / (sigma_s[c] + m.kappa));
+                m.sigma_s_partials(self.params, p, |slot, d| sink.add(slot, d * l));
+            }
+            Vertex::Surface { surface, hit, wi, medium } => {
+                s = State { o: hit.p, w: -wi, on: On::at(&hit), medium, unit_reflectance: true, ..s };
+                s.stage = Stage::Reflect(hit);
+                w.run(s);
+                if let Surface::Diffuse { reflectance, slot, .. } = &self.scene.surfaces[surface as usize] {
+                    for c in 0..3 {
+                        let l = w.value[c] * weight[c] * KAPPA_RHO / (reflectance[c] + KAPPA_RHO);
+                        sink.add(slot + c as Slot, Rgb::channel(c, l));
+                    }
+                }
+            }
+        }
+        super::add_tally(tally, &w.tally);
+    }
+}

@@ -1,0 +1,385 @@
+//! The walk: one path from a camera or a derivative vertex, and everything it collects. Knows no derivatives; it writes a
+//! record when asked to, and its samples are the same either way.
+//!
+//! Estimates `L(x, w)` of [T](1)-(5): free flight by exponential steps (homogeneous) or delta tracking over brick majorants
+//! (grids) [T] 8.1; next-event estimation at every vertex; an extra equi-angular connection a medium span for
+//! lights with a position. Chromatic media by [T](55): `beta = f/p` and `r_c = p_c/p` for the three channels, with `p` the
+//! density of the channel actually drawn; what is scored is `beta / mean(r)`.
+//! Techniques for one light path (direction or light sampling, free flight or equi-angular) are weighted by functions of
+//! the geometry alone, so the weights sum to one whatever the tracking inside them did.
+
+use super::connect;
+use super::record::{Event, MediumSpan, Prefix, Recorder};
+use super::tracking;
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
+use crate::medium::Medium;
+use crate::scene::{Hit, On, Scene};
+use crate::surface::Surface;
+use std::sync::Arc;
+
+/// What ends a path, and what is shown, by the integrator's settings.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Number of edges from the camera, as Mitsuba counts; `u32::MAX` = unlimited.
+    pub max_depth: u32,
+    /// Scatterings before roulette begins.
+    pub rr_depth: u32,
+    pub hide_emitters: bool,
+    /// A path is cut here and counted, never silently.
+    pub cap: u64,
+}
+
+/// How the walk goes on from a state.
+#[derive(Clone, Copy, Debug)]
+pub enum Stage {
+    /// Fly from `o` along `w`.
+    Fly,
+    /// A collision at `o` after travelling along `w`.
+    Medium,
+    /// On a surface after travelling along `w`.
+    Surface(Hit),
+    /// The same without its emission: a derivative vertex.
+    Reflect(Hit),
+    /// Out of the scene along `w`.
+    Escape,
+    /// Nothing left in this chain.
+    Done,
+}
+
+/// All that determines the rest of a path; `Clone`, so that a chunk can be walked again.
+#[derive(Clone, Debug)]
+pub struct State {
+    pub stage: Stage,
+    pub o: DVec3,
+    pub w: DVec3,
+    pub on: On,
+    pub medium: Option<u32>,
+    pub beta: Rgb,
+    pub r: Rgb,
+    pub hero: usize,
+    /// Scatterings so far.
+    pub depth: u32,
+    /// Density per solid angle with which `w` was drawn at the last vertex; 0 on a camera line (nothing competes).
+    pub pdf_direction: f64,
+    /// The last vertex.
+    pub vertex: DVec3,
+    /// Optical depth of homogeneous spans since the last vertex, for the MIS weight.
+    pub tau: Rgb,
+    /// Technique weights of the equi-angular connection at the collision at hand.
+    pub flight: Flight,
+    /// First surface vertex of a derivative continuation: its reflectance counts as 1.
+    pub unit_reflectance: bool,
+    /// The second chain: the unscattered part of the camera line.
+    pub pending: Option<Box<State>>,
+    /// Spans that a pending chain crossed, for its record.
+    pub line: Option<Arc<[MediumSpan]>>,
+    pub rng: Rng,
+    pub steps: u64,
+}
+
+/// The span a collision was drawn on, and its free-flight density there (or a stand-in): what an
+/// equi-angular connection competes with.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Flight {
+    pub span: Option<MediumSpan>,
+    pub density: f64,
+}
+
+impl State {
+    pub fn new(rng: Rng, o: DVec3, w: DVec3, medium: Option<u32>) -> Self {
+        State {
+            stage: Stage::Fly,
+            o,
+            w,
+            on: On::default(),
+            medium,
+            beta: Rgb::ONE,
+            r: Rgb::ONE,
+            hero: 0,
+            depth: 0,
+            pdf_direction: 0.0,
+            vertex: o,
+            tau: Rgb::ZERO,
+            flight: Flight::default(),
+            unit_reflectance: false,
+            pending: None,
+            line: None,
+            rng,
+            steps: 0,
+        }
+    }
+}
+
+/// What a walk met besides light.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Tally {
+    pub capped: u64,
+    pub truncated: f64,
+    pub light_on_ray: u64,
+    pub missed_boundary: u64,
+}
+
+pub struct Walker<'a, R: Recorder> {
+    pub scene: &'a Scene,
+    pub set: &'a Settings,
+    pub rec: &'a mut R,
+    pub value: Rgb,
+    pub tally: Tally,
+}
+
+impl<'a, R: Recorder> Walker<'a, R> {
+    pub fn new(scene: &'a Scene, set: &'a Settings, rec: &'a mut R) -> Self {
+        Walker { scene, set, rec, value: Rgb::ZERO, tally: Tally::default() }
+    }
+
+    /// Walk to the end, or to the end of one chunk when the recorder says so.
+    pub fn run(&mut self, mut s: State) {
+        loop {
+            if self.rec.checkpoint(&s) {
+                return;
+            }
+            s.steps += 1;
+            if s.steps > self.set.cap {
+                self.tally.capped += 1;
+                self.tally.truncated += (s.beta / s.r.mean()).max();
+                s.stage = Stage::Done;
+            }
+            match s.stage {
+                Stage::Fly => self.fly(&mut s),
+                Stage::Medium => self.scatter(&mut s),
+                Stage::Surface(hit) => self.surface(&mut s, hit),
+                Stage::Reflect(hit) => self.reflect(&mut s, hit),
+                Stage::Escape => {
+                    self.escape(&mut s);
+                    s.stage = Stage::Done;
+                }
+                Stage::Done => match s.pending.take() {
+                    Some(next) => {
+                        s = State { rng: s.rng, steps: s.steps, ..*next };
+                        self.rec.push(Event::Chain);
+                        for &span in s.line.take().iter().flat_map(|l| l.iter()) {
+                            self.rec.push(Event::Span { span, prefix: None });
+                        }
+                    }
+                    None => return,
+                },
+            }
+        }
+    }
+
+    /// From `o` along `w` to a collision, a surface, or out of the scene.
+    fn fly(&mut self, s: &mut State) {
+        let scene = self.scene;
+        let Some(id) = s.medium else {
+            let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
+            return self.arrive(s, hit);
+        };
+        let medium = &scene.media[id as usize];
+        let connects = scene.has_local_lights() && self.may_scatter(s.depth + 1);
+        if !medium.is_homogeneous() || connects {
+            // The whole span is needed: for the grid's traversal, or for the equi-angular connection.
+            let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
+            let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+            let span = MediumSpan { medium: id, o: s.o, w: s.w, t0: 0.0, t1 };
+            if connects {
+                let prefix = s.beta / s.r.mean();
+                let (first, depth) = (self.rec.side_len(), s.depth);
+                let density = |_: &Self, t: f64| tracking::flight_density(medium, &span, t);
+                connect::equiangular(self, &mut s.rng, span, prefix, depth, first, density);
+            }
+            let (beta, r) = (s.beta, s.r);
+            match tracking::fly(medium, &span, s) {
+                Some(t) => {
+                    s.flight = Flight { span: Some(span), density: tracking::flight_density(medium, &span, t) };
+                    self.walked(s, span, t, beta, r);
+                    self.collide(s, t);
+                }
+                None => {
+                    self.walked(s, span, t1, beta, r);
+                    self.arrive(s, hit);
+                }
+            }
+        } else {
+            // Homogeneous: draw the distance first and look no further than that.
+            let (beta, r) = (s.beta, s.r);
+            let t = tracking::distance(medium, s);
+            let hit = scene.intersect(s.o, s.w, t, &s.on, s.medium);
+            let t1 = hit.as_ref().map_or(t, |h| h.t);
+            let span = MediumSpan { medium: id, o: s.o, w: s.w, t0: 0.0, t1 };
+            if hit.is_none() && t < f64::INFINITY {
+                tracking::weight_collision(medium, t, s);
+                s.flight = Flight::default();
+                self.walked(s, span, t, beta, r);
+                self.collide(s, t);
+            } else {
+                tracking::weight_passage(medium, t1, s);
+                self.walked(s, span, t1, beta, r);
+                self.arrive(s, hit);
+            }
+        }
+    }
+
+    fn walked(&mut self, s: &mut State, span: MediumSpan, t: f64, beta: Rgb, r: Rgb) {
+        let medium = &self.scene.media[span.medium as usize];
+        if medium.is_homogeneous() && t < f64::INFINITY {
+            s.tau += medium.sigma_t * t;
+        }
+        if R::ON {
+            let t_end = span.t1;
+            let span = MediumSpan { t1: t, ..span };
+            self.rec.push(Event::Span { span, prefix: Some(Prefix { beta, r, depth: s.depth, t_end }) });
+        }
+    }
+
+    fn collide(&mut self, s: &mut State, t: f64) {
+        s.o += s.w * t;
+        s.on = On::default();
+        s.stage = Stage::Medium;
+    }
+
+    /// At the end of a flight: a surface, or the environment.
+    fn arrive(&mut self, s: &mut State, hit: Option<Hit>) {
+        s.stage = hit.map_or(Stage::Escape, Stage::Surface);
+    }
+
+    fn escape(&mut self, s: &mut State) {
+        let Some(id) = self.scene.environment else { return };
+        if s.depth == 0 && self.set.hide_emitters {
+            return;
+        }
+        let light = &self.scene.lights[id as usize];
+        let Some(emission) = light.escape(s.w) else { return };
+        let p = self.scene.selection(id) * light.escape_pdf(s.w);
+        self.emit(s, emission, p);
+    }
+
+    /// Score emission met by the walk, weighted against a connection of density `p_light` (per solid angle).
+    fn emit(&mut self, s: &State, emission: crate::light::Emission, p_light: f64) {
+        let mut weight = s.beta / s.r.mean();
+        if s.pdf_direction > 0.0 && p_light > 0.0 {
+            weight *= connect::direction_share(s.pdf_direction, s.tau, p_light);
+        }
+        self.value += weight * emission.color();
+        if R::ON {
+            self.rec.push(Event::Emit { weight, emission });
+        }
+    }
+
+    /// Whether the `k`-th scattering is within `max_depth`.
+    pub fn may_scatter(&self, k: u32) -> bool {
+        k < self.set.max_depth
+    }
+
+    /// A collision at `s.o`.
+    fn scatter(&mut self, s: &mut State) {
+        let id = s.medium.unwrap_or_default();
+        let k = s.depth + 1;
+        if !self.may_scatter(k) {
+            s.stage = Stage::Done;
+            return;
+        }
+        s.depth = k;
+        s.vertex = s.o;
+        s.tau = Rgb::ZERO;
+        let medium: &Medium = &self.scene.media[id as usize];
+        if R::ON {
+            self.rec.push(Event::Scatter { medium: id, p: s.o });
+        }
+        connect::from_medium(self, s, id);
+        let (u, v) = (s.rng.uniform(), s.rng.uniform());
+        let (w, m) = medium.phase.sample(s.w, u, v);
+        if R::ON {
+            self.rec.push(Event::Turn { medium: id, one_minus_mu: m });
+        }
+        s.pdf_direction = medium.phase.eval(m);
+        s.w = w;
+        s.on = On::default();
+        s.stage = Stage::Fly;
+        self.roulette(s);
+    }
+
+    /// A surface at `hit`: its emission, then passage or reflection.
+    fn surface(&mut self, s: &mut State, hit: Hit) {
+        let scene = self.scene;
+        let shape = &scene.shapes[hit.shape as usize];
+        let tolerance = scene.tolerance(hit.p);
+        if let Some(light) = shape.light {
+            let front = hit.n.dot(s.w) < 0.0;
+            if front && !(s.depth == 0 && self.set.hide_emitters) {
+                let l = &scene.lights[light as usize];
+                let p = scene.selection(light) * scene.area_pdf(light, s.vertex, s.w, &hit);
+                self.emit(s, l.emission(Rgb::ONE), p);
+            }
+        }
+        let surface = &scene.surfaces[shape.surface as usize];
+        if surface.is_null() {
+            s.medium = shape.medium_behind(s.w, hit.n, s.medium);
+            s.on = s.on.crossed(&hit, tolerance);
+            s.o = hit.p;
+            s.stage = Stage::Fly;
+            return;
+        }
+        self.reflect(s, hit);
+    }
+
+    /// Reflection at `hit`, with a connection to a light.
+    fn reflect(&mut self, s: &mut State, hit: Hit) {
+        let shape = &self.scene.shapes[hit.shape as usize];
+        let surface = &self.scene.surfaces[shape.surface as usize];
+        let k = s.depth + 1;
+        let wi = -s.w;
+        if !self.may_scatter(k) || !surface.reflects(hit.n, wi) {
+            s.stage = Stage::Done;
+            return;
+        }
+        s.depth = k;
+        s.o = hit.p;
+        s.vertex = hit.p;
+        s.tau = Rgb::ZERO;
+        s.on = On::at(&hit);
+        if R::ON {
+            let prefix = Prefix { beta: s.beta, r: s.r, depth: k - 1, t_end: 0.0 };
+            self.rec.push(Event::Surface { surface: shape.surface, hit, wi, medium: s.medium, prefix });
+        }
+        match surface {
+            Surface::Diffuse { reflectance, .. } if !s.unit_reflectance => s.beta *= *reflectance,
+            _ => s.unit_reflectance = false,
+        }
+        if s.beta.is_zero() {
+            s.stage = Stage::Done;
+            return;
+        }
+        connect::from_surface(self, s, surface, hit.n, wi);
+        let (u, v) = (s.rng.uniform(), s.rng.uniform());
+        let w = surface.sample(hit.n, wi, u, v);
+        s.pdf_direction = surface.eval_unit(hit.n, wi, w);
+        if s.pdf_direction <= 0.0 {
+            s.stage = Stage::Done;
+            return;
+        }
+        s.w = w;
+        s.stage = Stage::Fly;
+        self.roulette(s);
+    }
+
+    /// Survival `min(1, weight)`: a path of weight >= 1 is never killed, a survivor never weighs more than 1
+    /// (STABILITY rule 6).
+    fn roulette(&mut self, s: &mut State) {
+        if s.beta.is_zero() {
+            s.stage = Stage::Done;
+            return;
+        }
+        if s.depth < self.set.rr_depth {
+            return;
+        }
+        let q = (s.beta / s.r.mean()).max();
+        if q < 1.0 {
+            if s.rng.uniform() >= q {
+                s.stage = Stage::Done;
+            } else {
+                s.beta *= 1.0 / q;
+            }
+        }
+    }
+}
