@@ -1,155 +1,156 @@
 //! Wavefront OBJ files: all objects and groups merged, polygons cut into triangles.
+//!
+//! Read here and not by `tobj`, which on real files makes up normals and texture coordinates where a corner has none (it
+//! repeats the last), takes a polyline of three points for a triangle, rounds to f32, tells no line for an error, and
+//! panics on some indices that are out of range. The tests hold it against `tobj` where both can read.
 
-use super::{Geometry, TriangleMesh};
+use super::TriangleMesh;
 use crate::math::{DVec2, DVec3};
 use std::collections::HashMap;
-use std::io::{BufRead, Read};
 use std::path::Path;
+use std::str::SplitWhitespace;
 
-/// Read a mesh from the file. The error says what is wrong and where in the file; the caller knows the file.
+/// Read a mesh from the file. The error says what is wrong and in which line; the caller knows the file.
 pub fn load(path: &Path) -> Result<TriangleMesh, String> {
     read(&std::fs::read(path).map_err(|e| format!("cannot be read: {e}"))?)
 }
 
 /// Read a mesh from the bytes of a file. A corner is one vertex per (position, uv, normal). Where only some corners
 /// have a normal, the others get their face's; where only some have texture coordinates, the others get (0, 0).
+/// Points, lines, curves and materials are skipped.
 pub fn read(bytes: &[u8]) -> Result<TriangleMesh, String> {
     let text = String::from_utf8_lossy(bytes);
-    check_indices(&text)?;
-    let mut lines = CountedLines { rest: text.as_bytes(), line: 0 };
-    let options = tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
-    let parsed = tobj::load_obj_buf(&mut lines, &options, |_| Ok(Default::default()));
-    let (models, _) = parsed.map_err(|e| format!("line {}: {e}", lines.line))?;
-    merge(models.into_iter().map(|m| m.mesh))
-}
-
-/// Lines handed out so far, for the place of an error.
-struct CountedLines<'a> {
-    rest: &'a [u8],
-    line: usize,
-}
-
-impl Read for CountedLines<'_> {
-    fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
-        self.rest.read(buf)
-    }
-}
-
-impl BufRead for CountedLines<'_> {
-    fn fill_buf(&mut self) -> std::io::Result<&[u8]> {
-        // One line at a time, so that consumption tells the line.
-        let n = self.rest.iter().position(|&b| b == b'\n').map_or(self.rest.len(), |i| i + 1);
-        Ok(&self.rest[..n])
-    }
-    fn consume(&mut self, n: usize) {
-        self.line += usize::from(n > 0);
-        self.rest = &self.rest[n..];
-    }
-}
-
-/// Every index of every face must name something: the parser tells no line for one that does not.
-fn check_indices(text: &str) -> Result<(), String> {
-    const NAMES: [&str; 3] = ["position", "texture coordinate", "normal"];
-    let mut counts = [0i64; 3];
-    // Largest index of each kind and its line: the file may name what only comes later.
-    let mut largest = [(0i64, 0usize); 3];
+    let mut obj = Obj::default();
+    let mut joined = String::new();
     for (i, line) in text.lines().enumerate() {
+        // A backslash continues the line.
+        if let Some(part) = line.trim_end().strip_suffix('\\') {
+            joined.push_str(part);
+            joined.push(' ');
+            continue;
+        }
+        joined.push_str(line);
+        obj.line(i + 1, &joined).map_err(|e| format!("line {}: {e}", i + 1))?;
+        joined.clear();
+    }
+    if !joined.is_empty() {
+        return Err("the last line is continued, but the file ends: it is cut".into());
+    }
+    obj.finish()
+}
+
+const KINDS: [&str; 3] = ["position", "texture coordinate", "normal"];
+
+/// A corner: positions, texture coordinates, normals by number.
+type Corner = [Option<u32>; 3];
+
+#[derive(Default)]
+struct Obj {
+    positions: Vec<DVec3>,
+    uvs: Vec<DVec2>,
+    normals: Vec<DVec3>,
+    triangles: Vec<[Corner; 3]>,
+    /// Largest number named of each kind, and its line: a face may name what comes later.
+    largest: [(u32, usize); 3],
+}
+
+impl Obj {
+    fn line(&mut self, number: usize, line: &str) -> Result<(), String> {
         let mut words = line.split_whitespace();
         match words.next() {
-            Some("v") => counts[0] += 1,
-            Some("vt") => counts[1] += 1,
-            Some("vn") => counts[2] += 1,
-            Some("f") => {
-                for (k, part) in words.flat_map(|w| w.split('/').enumerate()).filter(|(_, part)| !part.is_empty()) {
-                    let bad = || format!("line {}: \"{part}\" is not an index of a {}", i + 1, NAMES[k.min(2)]);
-                    let n: i64 = part.parse().map_err(|_| bad())?;
-                    if k > 2 || n == 0 || n < -counts[k] {
-                        return Err(bad());
-                    }
-                    if n > largest[k].0 {
-                        largest[k] = (n, i + 1);
-                    }
+            Some("v") => {
+                let x = floats(words, 3)?;
+                // Four numbers are homogeneous, six or more carry a colour.
+                let w = if x.len() == 4 { x[3] } else { 1.0 };
+                let p = DVec3::new(x[0], x[1], x[2]) / w;
+                if !p.is_finite() {
+                    return Err(format!("the position {p} is not finite"));
                 }
+                self.positions.push(p);
+            }
+            Some("vt") => {
+                let x = floats(words, 1)?;
+                self.uvs.push(DVec2::new(x[0], x.get(1).copied().unwrap_or(0.0)));
+            }
+            Some("vn") => {
+                let x = floats(words, 3)?;
+                self.normals.push(DVec3::new(x[0], x[1], x[2]));
+            }
+            Some("f") => {
+                let words = words.take_while(|w| !w.starts_with('#'));
+                let corners = words.map(|w| self.corner(number, w)).collect::<Result<Vec<_>, _>>()?;
+                if corners.len() < 3 {
+                    return Err(format!("{} corners do not make a face", corners.len()));
+                }
+                self.triangles.extend((2..corners.len()).map(|k| [corners[0], corners[k - 1], corners[k]]));
             }
             _ => {}
         }
+        Ok(())
     }
-    for k in 0..3 {
-        let (n, line) = largest[k];
-        if n > counts[k] {
-            return Err(format!("line {line}: there is no {} {n}: the file has {}", NAMES[k], counts[k]));
-        }
-    }
-    Ok(())
-}
 
-fn vec3<T: Copy + Into<f64>>(a: &[T], i: u32) -> Option<DVec3> {
-    let a = a.get(3 * i as usize..3 * i as usize + 3)?;
-    Some(DVec3::new(a[0].into(), a[1].into(), a[2].into()))
-}
-
-fn vec2<T: Copy + Into<f64>>(a: &[T], i: u32) -> Option<DVec2> {
-    let a = a.get(2 * i as usize..2 * i as usize + 2)?;
-    Some(DVec2::new(a[0].into(), a[1].into()))
-}
-
-/// One mesh of all.
-fn merge(meshes: impl Iterator<Item = tobj::Mesh>) -> Result<TriangleMesh, String> {
-    let (mut vertices, mut faces) = (Vec::new(), Vec::new());
-    let (mut uvs, mut normals): (Vec<Option<DVec2>>, Vec<Option<DVec3>>) = Default::default();
-    for m in meshes {
-        let mut known: HashMap<[u32; 3], u32> = HashMap::new();
-        for (f, corners) in m.indices.chunks_exact(3).enumerate() {
-            let mut face = [0u32; 3];
-            for (c, &position) in corners.iter().enumerate() {
-                let i = 3 * f + c;
-                let uv = m.texcoord_indices.get(i).copied().unwrap_or(u32::MAX);
-                let normal = m.normal_indices.get(i).copied().unwrap_or(u32::MAX);
-                face[c] = match known.get(&[position, uv, normal]) {
-                    Some(&v) => v,
-                    None => {
-                        let p = vec3(&m.positions, position).ok_or("a face names a position that is not there")?;
-                        let v = u32::try_from(vertices.len()).map_err(|_| "more vertices than 32 bits can number")?;
-                        vertices.push(p);
-                        uvs.push(vec2(&m.texcoords, uv));
-                        normals.push(vec3(&m.normals, normal));
-                        known.insert([position, uv, normal], v);
-                        v
-                    }
-                };
+    /// `v`, `v/vt`, `v//vn` or `v/vt/vn`; numbers count from 1, or back from the last one read.
+    fn corner(&mut self, line: usize, word: &str) -> Result<Corner, String> {
+        let mut corner = [None; 3];
+        let counts = [self.positions.len(), self.uvs.len(), self.normals.len()];
+        for (k, part) in word.split('/').enumerate() {
+            if k > 2 {
+                return Err(format!("\"{word}\" is not a corner of a face"));
             }
-            faces.push(face);
+            if part.is_empty() && k > 0 {
+                continue;
+            }
+            let bad = || format!("\"{word}\": \"{part}\" is not the number of a {}", KINDS[k]);
+            let n: i64 = part.parse().map_err(|_| bad())?;
+            let index = if n > 0 { n.checked_sub(1) } else { n.checked_add(counts[k] as i64).filter(|_| n < 0) };
+            let index = index.and_then(|i| u32::try_from(i).ok()).filter(|&i| i < u32::MAX).ok_or_else(bad)?;
+            if index >= self.largest[k].0 {
+                self.largest[k] = (index, line);
+            }
+            corner[k] = Some(index);
         }
+        Ok(corner)
     }
-    let uvs = uvs.iter().any(Option::is_some).then(|| uvs.iter().map(|uv| uv.unwrap_or_default()).collect());
-    complete_normals(vertices, faces, normals, uvs)
-}
 
-/// Give corners without a normal their face's, if others have one: a vertex of its own for each.
-fn complete_normals(
-    mut vertices: Vec<DVec3>,
-    mut faces: Vec<[u32; 3]>,
-    mut normals: Vec<Option<DVec3>>,
-    mut uvs: Option<Vec<DVec2>>,
-) -> Result<TriangleMesh, String> {
-    if normals.iter().all(Option::is_none) {
-        return Ok(TriangleMesh::new(vertices, faces, None, uvs)?.rounded_to_f32());
-    }
-    let flat = TriangleMesh::new(vertices.clone(), faces.clone(), None, None)?;
-    for f in 0..faces.len() {
-        for c in 0..3 {
-            let v = faces[f][c] as usize;
-            // Original vertices only: what was added below has its normal.
-            if normals[v].is_none() {
-                faces[f][c] = vertices.len() as u32;
-                vertices.push(vertices[v]);
-                normals.push(Some(flat.normal(f as u32, vertices[v])).filter(|n| n.is_finite()).or(Some(DVec3::ZERO)));
-                if let Some(uvs) = &mut uvs {
-                    uvs.push(uvs[v]);
-                }
+    /// One vertex per distinct corner.
+    fn finish(self) -> Result<TriangleMesh, String> {
+        let counts = [self.positions.len(), self.uvs.len(), self.normals.len()];
+        for ((index, line), (count, kind)) in self.largest.into_iter().zip(counts.into_iter().zip(KINDS)) {
+            if line > 0 && index as usize >= count {
+                return Err(format!("line {line}: there is no {kind} {}: the file has {count}", index + 1));
             }
         }
+        let any = |k: usize| self.triangles.iter().flatten().any(|c| c[k].is_some());
+        let (any_uv, any_normal) = (any(1), any(2));
+        let (mut vertices, mut uvs, mut normals) = (Vec::new(), Vec::new(), Vec::new());
+        let mut known: HashMap<(Corner, usize), u32> = HashMap::new();
+        let mut faces = Vec::with_capacity(self.triangles.len());
+        for (f, corners) in self.triangles.iter().enumerate() {
+            let position = |c: Corner| self.positions[c[0].unwrap_or(0) as usize];
+            let [a, b, c] = corners.map(position);
+            let flat = (b - a).cross(c - a).normalize_or_zero();
+            faces.push(corners.map(|corner| {
+                // A corner that takes its face's normal belongs to that face alone.
+                let owner = if any_normal && corner[2].is_none() { f } else { usize::MAX };
+                *known.entry((corner, owner)).or_insert_with(|| {
+                    vertices.push(position(corner));
+                    uvs.push(corner[1].map_or(DVec2::ZERO, |i| self.uvs[i as usize]));
+                    normals.push(corner[2].map_or(flat, |i| self.normals[i as usize]));
+                    vertices.len() as u32 - 1
+                })
+            }));
+        }
+        if u32::try_from(vertices.len()).is_err() || u32::try_from(faces.len()).is_err() {
+            return Err("more vertices or triangles than 32 bits can number".into());
+        }
+        let (normals, uvs) = (any_normal.then_some(normals), any_uv.then_some(uvs));
+        Ok(TriangleMesh::new(vertices, faces, normals, uvs)?.rounded_to_f32())
     }
-    let normals = normals.into_iter().map(Option::unwrap_or_default).collect();
-    Ok(TriangleMesh::new(vertices, faces, Some(normals), uvs)?.rounded_to_f32())
+}
+
+/// All numbers of a line, at least `least`. What follows a `#` is a comment.
+fn floats(words: SplitWhitespace, least: usize) -> Result<Vec<f64>, String> {
+    let parse = |w: &str| w.parse::<f64>().map_err(|_| format!("\"{w}\" is not a number"));
+    let x = words.take_while(|w| !w.starts_with('#')).map(parse).collect::<Result<Vec<_>, _>>()?;
+    if x.len() < least { Err(format!("{} numbers where {least} are needed", x.len())) } else { Ok(x) }
 }
