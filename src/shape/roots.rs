@@ -85,8 +85,8 @@ mod tests {
         fn all<R: Real>(x: [R; 10]) -> [R; 3] {
             let (c, r, o, w) = split(x);
             let [near, far] = sphere_roots(c, r, o, w).unwrap();
-            let u = V3::constant(DVec3::new(1.0, 0.3, 0.1));
-            [near, far, plane_t(c, c + w + u, c + u * r, o, w)]
+            let (a, b) = (V3::constant(DVec3::new(1.0, 0.3, 0.1)), V3::constant(DVec3::new(-0.2, 1.0, 0.3)));
+            [near, far, plane_t(c, c + w + a, c + b * r, o, w)]
         }
         for k in 0..3 {
             let (_, d) = gradient(x, |x: [Dual<10>; 10]| all(x)[k]);
