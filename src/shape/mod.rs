@@ -145,4 +145,6 @@ impl Geometry for Shape {
 }
 
 #[cfg(test)]
+mod file_tests;
+#[cfg(test)]
 mod tests;

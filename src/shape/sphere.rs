@@ -120,11 +120,13 @@ impl Sphere {
         // Half chord: r sqrt(1 - sin^2 / sin_max^2), factored.
         let half = self.radius * ((1.0 - u) * (2.0 - m * (1.0 + u)) / (2.0 - m)).max(0.0).sqrt();
         let across = (self.radius * (u * (2.0 - one_minus_cos) / (2.0 - m)).sqrt()).min(self.radius);
-        let outward = ((across * side - half * axis) / self.radius).normalize();
+        // The ray passes the centre at `across`, and enters half a chord before.
+        let (w, e) = (axis * cos + side * sin, side * cos - axis * sin);
+        let outward = ((across * e - half * w) / self.radius).normalize();
         // Near root by the product of the roots.
         let distance = (d - self.radius) * (d + self.radius) / (d * cos + half);
         Some(DirectionSample {
-            w: axis * cos + side * sin,
+            w,
             distance,
             p: self.center + self.radius * outward,
             n: if self.flip_normals { -outward } else { outward },

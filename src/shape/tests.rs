@@ -90,10 +90,8 @@ fn area_counts(s: &Shape, n: usize, mut draw: impl FnMut() -> (u32, DVec3)) -> b
         _ => vec![s.area()],
     };
     let cells = if matches!(s, Shape::Mesh(_)) { 4 } else { 16 };
-    let expected: Vec<f64> = face_areas
-        .iter()
-        .flat_map(|a| std::iter::repeat_n(n as f64 * a / s.area() / cells as f64, cells))
-        .collect();
+    let expected: Vec<f64> =
+        face_areas.iter().flat_map(|a| std::iter::repeat_n(n as f64 * a / s.area() / cells as f64, cells)).collect();
     let mut counts = vec![0.0; expected.len()];
     for _ in 0..n {
         let (face, p) = draw();
@@ -368,7 +366,11 @@ fn cone_sampling_gives_the_irradiance_and_lands_on_the_sphere() {
             let u = if i == 0 { 0.0 } else { r.uniform() };
             let x = s.sample_direction(DVec3::ZERO, u, r.uniform()).unwrap();
             let rounding = 1e-14 * d;
-            assert!((x.w.length() - 1.0).abs() < 1e-14 && (x.w * x.distance - x.p).length() < 1e-7 * radius + rounding, "{ratio} {x:?} {}", (x.w * x.distance - x.p).length());
+            assert!(
+                (x.w.length() - 1.0).abs() < 1e-14 && (x.w * x.distance - x.p).length() < 1e-7 * radius + rounding,
+                "{ratio} {x:?} {}",
+                (x.w * x.distance - x.p).length()
+            );
             assert!(((x.p - s.center).length() - radius).abs() < rounding && x.n.dot(x.w) <= 1e-7);
             assert_eq!(x.pdf_solid_angle, s.pdf_direction(DVec3::ZERO, x.p));
             m.push(n.dot(x.w) / x.pdf_solid_angle);

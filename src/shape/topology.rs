@@ -151,8 +151,7 @@ fn weld_near(vertices: &[DVec3], tolerance: f64) -> Vec<u32> {
     for (i, &p) in vertices.iter().enumerate() {
         let [x, y, z] = cell(p);
         for k in 0..27 {
-            let neighbour =
-                [x.saturating_add(k % 3 - 1), y.saturating_add(k / 3 % 3 - 1), z.saturating_add(k / 9 - 1)];
+            let neighbour = [x.saturating_add(k % 3 - 1), y.saturating_add(k / 3 % 3 - 1), z.saturating_add(k / 9 - 1)];
             for &j in grid.get(&neighbour).into_iter().flatten() {
                 if p.distance_squared(vertices[j as usize]) <= tolerance * tolerance {
                     let (a, b) = (root(&mut parent, i as u32), root(&mut parent, j));
