@@ -1,0 +1,73 @@
+//! The unit disk in z = 0 with normal +z, placed by an affine map: any ellipse. `uv = (radius, angle / 2 pi)`.
+
+use super::rectangle::cross_z0;
+use super::{Bounds, Geometry, Placement, ShapeHit, Start, SurfaceSample};
+use crate::math::{DAffine3, DVec2, DVec3, warp};
+use std::f64::consts::{PI, TAU};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Disk {
+    pub placement: Placement,
+}
+
+impl Disk {
+    pub fn new(to_world: DAffine3, flip_normals: bool) -> Result<Self, String> {
+        Ok(Disk { placement: Placement::new(to_world, flip_normals)? })
+    }
+}
+
+fn polar(p: DVec2) -> DVec2 {
+    DVec2::new(p.length(), turn(p.y, p.x))
+}
+
+/// Angle of (x, y) as a fraction of a turn in [0,1].
+pub(super) fn turn(y: f64, x: f64) -> f64 {
+    let phi = y.atan2(x) / TAU;
+    if phi < 0.0 { phi + 1.0 } else { phi }
+}
+
+impl Geometry for Disk {
+    fn bounds(&self) -> Bounds {
+        // An ellipse reaches sqrt(x_i^2 + y_i^2) along axis i.
+        let (x, y) = (self.placement.vector(DVec3::X), self.placement.vector(DVec3::Y));
+        let r = DVec3::new(x.x.hypot(y.x), x.y.hypot(y.y), x.z.hypot(y.z));
+        let c = self.placement.to_world.translation;
+        Bounds::new(c - r, c + r)
+    }
+
+    fn area(&self) -> f64 {
+        PI * self.placement.area(DVec3::X, DVec3::Y)
+    }
+
+    fn is_closed(&self) -> bool {
+        false
+    }
+
+    fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit> {
+        if start.is_some() {
+            return None;
+        }
+        let (o, w) = self.placement.local_ray(o, w);
+        let (t, p) = cross_z0(o, w, t_min, t_max)?;
+        (p.length_squared() <= 1.0).then(|| ShapeHit { t, uv: polar(p), face: 0 })
+    }
+
+    fn normal(&self, _face: u32, _p: DVec3) -> DVec3 {
+        self.placement.normal(DVec3::Z)
+    }
+
+    fn position(&self, _face: u32, uv: DVec2) -> DVec3 {
+        let (s, c) = (TAU * uv.y).sin_cos();
+        self.placement.point(DVec3::new(uv.x * c, uv.x * s, 0.0))
+    }
+
+    fn uv(&self, _face: u32, p: DVec3) -> DVec2 {
+        polar(self.placement.local_point(p).truncate())
+    }
+
+    fn sample(&self, u: f64, v: f64) -> SurfaceSample {
+        let q = warp::disc(u, v);
+        let p = self.placement.point(q.extend(0.0));
+        SurfaceSample { p, n: self.normal(0, p), uv: polar(q), face: 0, pdf_area: self.area().recip() }
+    }
+}

@@ -1,0 +1,150 @@
+//! Shapes: which points of space are surface, and where a ray crosses them, exact in f64.
+//!
+//! Embree says *which* primitive is hit; here the hit is solved again in f64. A ray that leaves a surface names the face
+//! it starts on ([`Start`]): that root is left out by bookkeeping, never by a distance. Nothing here has an absolute
+//! tolerance, so shapes of radius 1e-6 and 1e6, at coordinate 1e5, behave alike (STABILITY section 3, rule 7).
+
+pub mod bounds;
+pub mod cube;
+pub mod disk;
+pub mod mesh;
+pub mod obj;
+pub mod placement;
+pub mod ply;
+pub mod rectangle;
+pub mod roots;
+pub mod sphere;
+pub mod topology;
+
+pub use bounds::Bounds;
+pub use cube::Cube;
+pub use disk::Disk;
+pub use mesh::TriangleMesh;
+pub use placement::Placement;
+pub use rectangle::Rectangle;
+pub use roots::{barycentric, plane_t, sphere_other_root, sphere_roots};
+pub use sphere::{DirectionSample, Sphere};
+pub use topology::Topology;
+
+use crate::math::{DVec2, DVec3};
+
+/// A crossing of a ray with a shape, at `o + t w`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShapeHit {
+    /// In lengths of the ray's direction.
+    pub t: f64,
+    /// Surface coordinates in [0,1]^2; for a mesh the weights of the face's second and third vertex.
+    pub uv: DVec2,
+    /// Mesh: triangle; cube: `2 axis + (1 if on the positive side)`; else 0.
+    pub face: u32,
+}
+
+/// The ray's origin was computed as a point ON this face of the shape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Start {
+    pub face: u32,
+}
+
+/// A point drawn on a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceSample {
+    pub p: DVec3,
+    /// Unit geometric normal, flipped as the shape says.
+    pub n: DVec3,
+    pub uv: DVec2,
+    pub face: u32,
+    /// Density per unit area of the surface, no cosine.
+    pub pdf_area: f64,
+}
+
+/// What every shape can tell. World space throughout.
+pub trait Geometry {
+    fn bounds(&self) -> Bounds;
+
+    fn area(&self) -> f64;
+
+    /// Does the surface bound a volume? Rectangles and disks do not.
+    fn is_closed(&self) -> bool;
+
+    /// Nearest crossing with `t` in `(t_min, t_max]`. With `start`, the root at the origin is left out: the whole face of
+    /// a plane shape, the root at 0 of a sphere. A ray that starts on a convex shape and points inward always finds its
+    /// exit, at `t > 0`.
+    fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit>;
+
+    /// Where the infinite line enters and leaves a convex closed shape; `None` for a miss and for all other shapes.
+    fn crossings(&self, _o: DVec3, _w: DVec3) -> Option<[ShapeHit; 2]> {
+        None
+    }
+
+    /// Unit geometric normal at a point `p` of `face`.
+    fn normal(&self, face: u32, p: DVec3) -> DVec3;
+
+    fn position(&self, face: u32, uv: DVec2) -> DVec3;
+
+    /// Surface coordinates of a point `p` of `face`: the inverse of `position`.
+    fn uv(&self, face: u32, p: DVec3) -> DVec2;
+
+    /// A point uniform in area from `u`, `v` in [0,1). Its density is `1 / area`.
+    fn sample(&self, u: f64, v: f64) -> SurfaceSample;
+}
+
+#[derive(Clone, Debug)]
+pub enum Shape {
+    /// Triangles; which face is hit is Embree's business (`intersect` here is linear in the faces: a reference).
+    Mesh(TriangleMesh),
+    /// Centre and radius; `to_world` may rotate, move and scale uniformly.
+    Sphere(Sphere),
+    /// `[-1,1]^2` in z = 0, normal +z.
+    Rectangle(Rectangle),
+    /// Unit disk in z = 0, normal +z.
+    Disk(Disk),
+    /// `[-1,1]^3`, normals outward.
+    Cube(Cube),
+}
+
+impl Shape {
+    pub fn geometry(&self) -> &dyn Geometry {
+        match self {
+            Shape::Mesh(s) => s,
+            Shape::Sphere(s) => s,
+            Shape::Rectangle(s) => s,
+            Shape::Disk(s) => s,
+            Shape::Cube(s) => s,
+        }
+    }
+}
+
+impl Geometry for Shape {
+    fn bounds(&self) -> Bounds {
+        self.geometry().bounds()
+    }
+    fn area(&self) -> f64 {
+        self.geometry().area()
+    }
+    fn is_closed(&self) -> bool {
+        self.geometry().is_closed()
+    }
+    fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit> {
+        self.geometry().intersect(o, w, t_min, t_max, start)
+    }
+    fn crossings(&self, o: DVec3, w: DVec3) -> Option<[ShapeHit; 2]> {
+        self.geometry().crossings(o, w)
+    }
+    fn normal(&self, face: u32, p: DVec3) -> DVec3 {
+        self.geometry().normal(face, p)
+    }
+    fn position(&self, face: u32, uv: DVec2) -> DVec3 {
+        self.geometry().position(face, uv)
+    }
+    fn uv(&self, face: u32, p: DVec3) -> DVec2 {
+        self.geometry().uv(face, p)
+    }
+    fn sample(&self, u: f64, v: f64) -> SurfaceSample {
+        self.geometry().sample(u, v)
+    }
+}
+
+#[cfg(test)]
+mod file_tests;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,65 @@
+//! The square `[-1,1]^2` in z = 0 with normal +z, placed by an affine map: any parallelogram.
+
+use super::{Bounds, Geometry, Placement, ShapeHit, Start, SurfaceSample};
+use crate::math::{DAffine3, DVec2, DVec3};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Rectangle {
+    pub placement: Placement,
+}
+
+impl Rectangle {
+    pub fn new(to_world: DAffine3, flip_normals: bool) -> Result<Self, String> {
+        Ok(Rectangle { placement: Placement::new(to_world, flip_normals)? })
+    }
+}
+
+/// The crossing of a local ray with z = 0, `t` in `(t_min, t_max]`, and the local point.
+pub(super) fn cross_z0(o: DVec3, w: DVec3, t_min: f64, t_max: f64) -> Option<(f64, DVec2)> {
+    let t = -o.z / w.z;
+    // A ray in the plane gives NaN or infinity: no crossing.
+    (t > t_min && t <= t_max && t.is_finite()).then(|| (t, o.truncate() + t * w.truncate()))
+}
+
+impl Geometry for Rectangle {
+    fn bounds(&self) -> Bounds {
+        let (x, y) = (self.placement.vector(DVec3::X).abs(), self.placement.vector(DVec3::Y).abs());
+        let c = self.placement.to_world.translation;
+        Bounds::new(c - (x + y), c + (x + y))
+    }
+
+    fn area(&self) -> f64 {
+        4.0 * self.placement.area(DVec3::X, DVec3::Y)
+    }
+
+    fn is_closed(&self) -> bool {
+        false
+    }
+
+    fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit> {
+        if start.is_some() {
+            return None;
+        }
+        let (o, w) = self.placement.local_ray(o, w);
+        let (t, p) = cross_z0(o, w, t_min, t_max)?;
+        (p.abs().max_element() <= 1.0).then(|| ShapeHit { t, uv: 0.5 * (p + 1.0), face: 0 })
+    }
+
+    fn normal(&self, _face: u32, _p: DVec3) -> DVec3 {
+        self.placement.normal(DVec3::Z)
+    }
+
+    fn position(&self, _face: u32, uv: DVec2) -> DVec3 {
+        self.placement.point((2.0 * uv - 1.0).extend(0.0))
+    }
+
+    fn uv(&self, _face: u32, p: DVec3) -> DVec2 {
+        0.5 * (self.placement.local_point(p).truncate() + 1.0)
+    }
+
+    fn sample(&self, u: f64, v: f64) -> SurfaceSample {
+        let uv = DVec2::new(u, v);
+        let p = self.position(0, uv);
+        SurfaceSample { p, n: self.normal(0, p), uv, face: 0, pdf_area: self.area().recip() }
+    }
+}
