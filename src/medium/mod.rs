@@ -1,0 +1,3 @@
+//! Participating media.
+
+pub mod grid;
