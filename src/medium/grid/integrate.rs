@@ -1,0 +1,316 @@
+//! Line integrals of the interpolant, exact: along a ray it is a cubic in t inside a cell ([T] 8.2a, 8.3).
+//!
+//! A cell's integral is the two-point Gauss rule, exact for cubics like Simpson's, but its points lie inside the cell: no
+//! value is carried from cell to cell, so that cells overlap in the processor and the nearest filter needs no other code.
+//! Constant bricks take one product. Integrals are over t: with |w| = 1 they are lengths.
+
+use super::bricks::{BRICK, ROW, SLAB};
+use super::nodes::{NodeId, weights};
+use super::traverse::Ray;
+use super::{Grid, Span, corners, mix};
+use crate::math::DVec3;
+
+/// Half the distance of the two Gauss points in units of the interval: 1 / (2 sqrt 3).
+const GAUSS: f64 = 0.288_675_134_594_812_9;
+
+/// A cell of a brick and the part of the ray in it.
+#[derive(Clone, Copy)]
+struct Cell {
+    /// Lowest node, in nodes of the brick.
+    local: usize,
+    /// The same in table space.
+    corner: [f64; 3],
+    t0: f64,
+    t1: f64,
+}
+
+impl Cell {
+    /// Position in the cell, `smooth` as in [`Grid`].
+    #[inline(always)]
+    fn at(&self, ray: &Ray, smooth: f64, t: f64) -> [f64; 3] {
+        [0, 1, 2].map(|a| (ray.o[a] - self.corner[a] + t * ray.d[a]) * smooth)
+    }
+
+    #[inline(always)]
+    fn gauss(&self) -> [f64; 2] {
+        let (middle, half) = (0.5 * (self.t0 + self.t1), GAUSS * (self.t1 - self.t0));
+        [middle - half, middle + half]
+    }
+
+    /// Integral of channel `c`.
+    #[inline(always)]
+    fn integral<const C: usize>(&self, ray: &Ray, smooth: f64, nodes: &[f32], c: usize) -> f64 {
+        let v = corners::<C>(&nodes[self.local * C..], c);
+        let [p, q] = self.gauss().map(|t| self.at(ray, smooth, t));
+        let sum = mix(&v, p[0], p[1], p[2]) + mix(&v, q[0], q[1], q[2]);
+        0.5 * (self.t1 - self.t0) * sum
+    }
+
+    /// The t at which the integral from `t0` is `rest`, for a field that is not negative.
+    fn invert<const C: usize>(&self, ray: &Ray, smooth: f64, nodes: &[f32], c: usize, rest: f64) -> f64 {
+        let v = corners::<C>(&nodes[self.local * C..], c);
+        let [a, b] = [self.t0, self.t1].map(|t| self.at(ray, smooth, t));
+        // Polar form of the cubic: Bernstein coefficients are none negative if no node is.
+        let bernstein = [
+            mix(&v, a[0], a[1], a[2]),
+            (mix(&v, b[0], a[1], a[2]) + mix(&v, a[0], b[1], a[2]) + mix(&v, a[0], a[1], b[2])) / 3.0,
+            (mix(&v, a[0], b[1], b[2]) + mix(&v, b[0], a[1], b[2]) + mix(&v, b[0], b[1], a[2])) / 3.0,
+            mix(&v, b[0], b[1], b[2]),
+        ];
+        let length = self.t1 - self.t0;
+        let s = invert_quartic(bernstein, rest / length);
+        if s < 1.0 { self.t0 + s * length } else { self.t1 }
+    }
+}
+
+/// de Casteljau's algorithm.
+fn bezier<const N: usize>(mut b: [f64; N], s: f64) -> f64 {
+    for n in (1..N).rev() {
+        for i in 0..n {
+            b[i] = b[i] * (1.0 - s) + b[i + 1] * s;
+        }
+    }
+    b[0]
+}
+
+/// s in [0, 1] where the integral from 0 of a cubic in Bernstein form is `target`: Newton's method, kept in a bracket.
+fn invert_quartic(cubic: [f64; 4], target: f64) -> f64 {
+    let mut quartic = [0.0; 5];
+    for i in 0..4 {
+        quartic[i + 1] = quartic[i] + 0.25 * cubic[i];
+    }
+    if target >= quartic[4] {
+        return 1.0;
+    }
+    let (mut lo, mut hi) = (0.0, 1.0);
+    let mut s = target / quartic[4];
+    for _ in 0..128 {
+        let miss = bezier(quartic, s) - target;
+        if miss.abs() <= 2.0 * f64::EPSILON * target.abs() {
+            break;
+        }
+        if miss < 0.0 { lo = s } else { hi = s }
+        let newton = s - miss / bezier(cubic, s);
+        let next = if lo < newton && newton < hi { newton } else { 0.5 * (lo + hi) };
+        if (next - s).abs() <= f64::EPSILON * s {
+            return next;
+        }
+        s = next;
+    }
+    s
+}
+
+impl Grid {
+    /// Visit the cells of a brick along [t0, t1], in order, until `visit` returns false. `t1` is not past the brick's end.
+    #[inline(always)]
+    fn cells(&self, ray: &Ray, brick: usize, t0: f64, t1: f64, mut visit: impl FnMut(Cell) -> bool) {
+        let [_, ny, nz] = self.frame.dims;
+        let brick = [brick / (ny * nz), brick / nz % ny, brick % nz];
+        let mut cell = Cell { local: 0, corner: [0.0; 3], t0, t1 };
+        let (mut exit, mut step, mut far) = ([f64::INFINITY; 3], [0.0; 3], [0.0; 3]);
+        let mut stride = [SLAB, ROW, 1];
+        for a in 0..3 {
+            // Enter in the cell of the start point; rounding may put that point a hair outside of the brick.
+            let base = (brick[a] * BRICK) as f64;
+            let q = if ray.moves(a) { ray.o[a] + t0 * ray.d[a] } else { ray.o[a] };
+            let i = ((q - base) as i32).clamp(0, BRICK as i32 - 1);
+            cell.local += i as usize * stride[a];
+            cell.corner[a] = base + f64::from(i);
+            let up = ray.d[a] > 0.0;
+            step[a] = if up { 1.0 } else { -1.0 };
+            far[a] = if up { 1.0 } else { 0.0 };
+            if !up {
+                stride[a] = stride[a].wrapping_neg();
+            }
+            if ray.moves(a) {
+                exit[a] = ray.at_plane(a, cell.corner[a] + far[a]);
+            }
+        }
+        loop {
+            let [x, y, z] = exit;
+            let xy = if x < y { x } else { y };
+            let leave = if xy < z { xy } else { z };
+            cell.t1 = if leave < t1 { leave } else { t1 };
+            cell.t1 = if cell.t1 > cell.t0 { cell.t1 } else { cell.t0 };
+            if !visit(cell) || leave >= t1 {
+                return;
+            }
+            cell.t0 = cell.t1;
+            // Cross all faces that are met at once; without branches, since which comes next is not predictable.
+            for a in 0..3 {
+                let crossed = exit[a] == leave;
+                cell.local = cell.local.wrapping_add(if crossed { stride[a] } else { 0 });
+                cell.corner[a] += if crossed { step[a] } else { 0.0 };
+                let next = ray.at_plane(a, cell.corner[a] + far[a]);
+                exit[a] = if crossed { next } else { exit[a] };
+            }
+        }
+    }
+
+    /// Value of channel `c` in a constant span.
+    #[inline(always)]
+    fn constant_of(&self, span: &Span, c: usize) -> f64 {
+        match span.brick.index() {
+            Some(brick) => f64::from(self.bricks.window(brick, 0, self.frame.channels)[c]),
+            // A ray that is not a number has such a span, too.
+            None if span.min.is_nan() => f64::NAN,
+            None => self.outside[c],
+        }
+    }
+
+    /// Add a span's integral to `sum`.
+    #[inline(always)]
+    fn add_span<const C: usize, const N: usize>(&self, ray: &Ray, span: &Span, sum: &mut [f64; N]) {
+        match span.brick.index() {
+            Some(brick) if !span.constant => {
+                let nodes = self.bricks.nodes(brick, C);
+                self.cells(ray, brick, span.t0, span.t1, |cell| {
+                    for c in 0..N {
+                        sum[c] += cell.integral::<C>(ray, self.smooth, nodes, c);
+                    }
+                    true
+                });
+            }
+            _ => {
+                for c in 0..N {
+                    sum[c] += constant_integral(self.constant_of(span, c), span);
+                }
+            }
+        }
+    }
+
+    /// Integral of channel 0 along `o + t w` over t in [t0, t1].
+    pub fn integrate(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> f64 {
+        let mut sum = [0.0];
+        let mut spans = self.spans(o, w, t0, t1);
+        let ray = spans.ray;
+        if self.frame.channels == 1 {
+            spans.for_each(|s| self.add_span::<1, 1>(&ray, &s, &mut sum));
+        } else {
+            spans.by_ref().for_each(|s| self.add_span::<3, 1>(&ray, &s, &mut sum));
+        }
+        sum[0]
+    }
+
+    /// Integrals of all channels; a scalar grid repeats its own.
+    pub fn integrate3(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> [f64; 3] {
+        if self.frame.channels == 1 {
+            return [self.integrate(o, w, t0, t1); 3];
+        }
+        let mut sum = [0.0; 3];
+        let spans = self.spans(o, w, t0, t1);
+        let ray = spans.ray;
+        spans.for_each(|s| self.add_span::<3, 3>(&ray, &s, &mut sum));
+        sum
+    }
+
+    /// Integral of channel 0 over one span of the same ray, or over a part of it.
+    pub fn integrate_span(&self, span: &Span, o: DVec3, w: DVec3) -> f64 {
+        let (ray, mut sum) = (Ray::new(self, o, w), [0.0]);
+        if self.frame.channels == 1 {
+            self.add_span::<1, 1>(&ray, span, &mut sum);
+        } else {
+            self.add_span::<3, 1>(&ray, span, &mut sum);
+        }
+        sum[0]
+    }
+
+    /// `Ok(t)` where the integral of channel 0 from `t0` reaches `target`, or `Err` of the whole integral if that is less.
+    /// For fields that are not negative. The sums are those of `integrate`, in the same order.
+    pub fn invert(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, target: f64) -> Result<f64, f64> {
+        self.invert_channel(0, o, w, t0, t1, target)
+    }
+
+    /// [`Grid::invert`] for channel `c`.
+    pub fn invert_channel(&self, c: usize, o: DVec3, w: DVec3, t0: f64, t1: f64, target: f64) -> Result<f64, f64> {
+        if self.frame.channels == 1 {
+            self.invert_in::<1>(0, o, w, t0, t1, target)
+        } else {
+            self.invert_in::<3>(c, o, w, t0, t1, target)
+        }
+    }
+
+    fn invert_in<const C: usize>(
+        &self,
+        c: usize,
+        o: DVec3,
+        w: DVec3,
+        t0: f64,
+        t1: f64,
+        target: f64,
+    ) -> Result<f64, f64> {
+        if target <= 0.0 {
+            return Ok(t0);
+        }
+        let mut sum = 0.0;
+        let spans = self.spans(o, w, t0, t1);
+        let ray = spans.ray;
+        for span in spans {
+            match span.brick.index() {
+                Some(brick) if !span.constant => {
+                    let nodes = self.bricks.nodes(brick, C);
+                    let mut found = None;
+                    self.cells(&ray, brick, span.t0, span.t1, |cell| {
+                        let next = sum + cell.integral::<C>(&ray, self.smooth, nodes, c);
+                        if next >= target {
+                            found = Some(cell);
+                            return false;
+                        }
+                        sum = next;
+                        true
+                    });
+                    if let Some(cell) = found {
+                        return Ok(cell.invert::<C>(&ray, self.smooth, nodes, c, target - sum));
+                    }
+                }
+                _ => {
+                    let value = self.constant_of(&span, c);
+                    let next = sum + constant_integral(value, &span);
+                    if next >= target {
+                        return Ok((span.t0 + (target - sum) / value).min(span.t1));
+                    }
+                    sum = next;
+                }
+            }
+        }
+        Err(sum)
+    }
+
+    /// Integrals of the interpolation weights over t in [t0, t1]: `f(slot, weight)`, a slot several times, background
+    /// nodes not at all. Exact by the same rule; sum of weight * value is `integrate` of a field with background 0.
+    pub fn integrate_nodes(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, f: &mut impl FnMut(NodeId, f64)) {
+        let spans = self.single_spans(o, w, t0, t1);
+        let ray = spans.ray;
+        let [_, ny, nz] = self.frame.dims;
+        for span in spans {
+            let Some(brick) = span.brick.index() else { continue };
+            let ids = self.layout.brick(&self.frame, [brick / (ny * nz), brick / nz % ny, brick % nz]);
+            // A brick of one slot (or none) needs no cells.
+            if let Some(slot) = ids.uniform() {
+                if let Some(slot) = slot {
+                    f(NodeId(slot), span.t1 - span.t0);
+                }
+                continue;
+            }
+            self.cells(&ray, brick, span.t0, span.t1, |cell| {
+                let half = 0.5 * (cell.t1 - cell.t0);
+                if half > 0.0 {
+                    let [p, q] = cell.gauss().map(|t| cell.at(&ray, self.smooth, t));
+                    let (p, q) = (weights(p[0], p[1], p[2]), weights(q[0], q[1], q[2]));
+                    for (k, id) in ids.cell(cell.local).into_iter().enumerate() {
+                        if let Some(id) = id {
+                            f(id, half * (p[k] + q[k]));
+                        }
+                    }
+                }
+                true
+            });
+        }
+    }
+}
+
+/// Value times length, 0 for the field 0 however long the span.
+#[inline(always)]
+fn constant_integral(value: f64, span: &Span) -> f64 {
+    if value == 0.0 { 0.0 } else { value * (span.t1 - span.t0) }
+}

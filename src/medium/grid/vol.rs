@@ -1,0 +1,118 @@
+//! Mitsuba's `.vol` files, version 3, single precision.
+//!
+//! Little endian: 'V' 'O' 'L', version byte 3, i32 encoding (1 = f32), i32 x, y, z resolution, i32 channels, six f32 of a
+//! bounding box, then the values: x fastest, then y, then z, channels interleaved.
+
+use super::builder::find_bad;
+use super::{BadVoxel, Filter, Grid};
+use crate::error::{Error, Result};
+use crate::math::{DAffine3, DMat3, DVec3};
+use std::path::Path;
+
+/// Bytes before the values.
+const HEADER: usize = 48;
+
+/// The content of a `.vol` file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Vol {
+    /// x, y, z.
+    pub res: [usize; 3],
+    /// 1 or 3.
+    pub channels: usize,
+    /// Lowest and highest corner as the file says; Mitsuba uses it on request only.
+    pub bbox: [[f32; 3]; 2],
+    /// x fastest, then y, then z, channels interleaved.
+    pub values: Vec<f32>,
+}
+
+impl Vol {
+    /// Read a whole file's bytes; the message says what is wrong with them.
+    pub fn parse(bytes: &[u8]) -> std::result::Result<Vol, String> {
+        if !bytes.starts_with(b"VOL") {
+            return Err("not a .vol file: it does not begin with \"VOL\"".into());
+        }
+        let Some((header, data)) = bytes.split_at_checked(HEADER) else {
+            return Err(format!("the header is cut: {} of {HEADER} bytes", bytes.len()));
+        };
+        if header[3] != 3 {
+            return Err(format!("version {} of the .vol format; only 3 is known", header[3]));
+        }
+        let word = |i: usize| [0, 1, 2, 3].map(|k| header[4 * i + k]);
+        let int = |i: usize| i32::from_le_bytes(word(i));
+        if int(1) != 1 {
+            return Err(format!("encoding {}; only 1 (f32) is known", int(1)));
+        }
+        let channels = int(5);
+        if channels != 1 && channels != 3 {
+            return Err(format!("{channels} channels; only 1 and 3 are known"));
+        }
+        let res = [int(2), int(3), int(4)];
+        if res.iter().any(|&n| n <= 0) {
+            return Err(format!("a resolution of {} x {} x {}", res[0], res[1], res[2]));
+        }
+
+        // Compare with the file's length before taking any memory.
+        let bytes_needed = res.iter().fold(4 * channels as u128, |n, &r| n * r as u128);
+        if bytes_needed != data.len() as u128 {
+            let [x, y, z] = res;
+            let what = if bytes_needed > data.len() as u128 { "is cut" } else { "is too long" };
+            return Err(format!(
+                "the file {what}: {x} x {y} x {z} voxels of {channels} channels take {bytes_needed} bytes, {} are there",
+                data.len()
+            ));
+        }
+        let float = |i: usize| f32::from_le_bytes(word(i));
+        Ok(Vol {
+            res: res.map(|n| n as usize),
+            channels: channels as usize,
+            bbox: [[6, 7, 8].map(float), [9, 10, 11].map(float)],
+            values: data.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect(),
+        })
+    }
+
+    pub fn read(path: &Path) -> Result<Vol> {
+        let bytes =
+            std::fs::read(path).map_err(|source| Error::Io { what: format!("reading {}", path.display()), source })?;
+        Vol::parse(&bytes).map_err(|what| Error::Runtime(format!("{}: {what}", path.display())))
+    }
+
+    /// The bytes of a file. Errors if the values do not fit the resolution.
+    pub fn to_bytes(&self) -> std::result::Result<Vec<u8>, String> {
+        let count = self.res.iter().try_fold(self.channels, |n, &r| n.checked_mul(r));
+        let small = |n: usize| i32::try_from(n).map_err(|_| format!("a resolution of {n}"));
+        if count != Some(self.values.len()) {
+            return Err(format!("{:?} x {} values expected, {} given", self.res, self.channels, self.values.len()));
+        }
+        let mut out = Vec::with_capacity(HEADER + 4 * self.values.len());
+        out.extend(b"VOL\x03");
+        out.extend(1i32.to_le_bytes());
+        for n in self.res.into_iter().chain([self.channels]) {
+            out.extend(small(n)?.to_le_bytes());
+        }
+        out.extend(self.bbox.iter().flatten().chain(&self.values).flat_map(|v| v.to_le_bytes()));
+        Ok(out)
+    }
+
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let bytes = self.to_bytes().map_err(|what| Error::Runtime(format!("{}: {what}", path.display())))?;
+        std::fs::write(path, bytes).map_err(|source| Error::Io { what: format!("writing {}", path.display()), source })
+    }
+
+    /// Maps the unit cube to the file's bounding box (Mitsuba's `use_grid_bbox`).
+    pub fn bbox_from_unit(&self) -> DAffine3 {
+        let [low, high] = self.bbox.map(|p| DVec3::from(p.map(f64::from)));
+        DAffine3 { matrix3: DMat3::from_diagonal(high - low), translation: low }
+    }
+
+    /// Report values that are not finite, or negative ones if they must not be.
+    pub fn validate(&self, non_negative: bool) -> std::result::Result<(), BadVoxel> {
+        let [nx, ny, _] = self.res;
+        let index = |i: usize| [i % nx, i / nx % ny, i / nx / ny].map(|x| x as i32);
+        find_bad(&self.values, self.channels, non_negative, index)
+    }
+
+    /// The field: values at voxel centres of the unit cube, placed by `world_from_unit`, 0 outside.
+    pub fn grid(&self, world_from_unit: DAffine3, filter: Filter) -> std::result::Result<Grid, String> {
+        Grid::from_dense(self.channels, self.res, &self.values, world_from_unit, filter)
+    }
+}
