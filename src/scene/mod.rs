@@ -1,0 +1,11 @@
+//! Scenes: Mitsuba 3 XML to a description with names, places and parameters ([`desc::SceneDesc`]).
+
+pub mod desc;
+pub mod node;
+pub mod transform;
+pub mod value;
+pub mod xml;
+
+pub use desc::{Env, SceneDesc};
+pub use node::Node;
+pub use transform::Mat4;
