@@ -79,13 +79,13 @@ fn holes_flips_fins_and_slivers_are_counted() {
     let t = mesh(fv, fin).topology().clone();
     assert_eq!((t.non_manifold_edges, t.boundary_edges), (1, 2));
 
-    // A face on three points of a line, one on two points, one on equal points.
+    // A face on three points of a line, two on two points, one on one.
     let (mut flat, mut fv) = (f, v);
     fv.push(DVec3::new(0.5, 0.0, 0.0));
     fv.push(DVec3::ZERO);
-    flat.extend([[0, 8, 1], [0, 0, 1], [0, 9, 1]]);
+    flat.extend([[0, 8, 1], [0, 0, 1], [0, 9, 1], [0, 0, 9]]);
     let m = mesh(fv, flat);
-    assert_eq!(m.topology().degenerate_faces, 3);
+    assert_eq!(m.topology().degenerate_faces, 4);
     // They are neither hit nor drawn.
     assert!(m.resolve(12, DVec3::new(0.5, 0.0, -1.0), DVec3::Z).is_none());
     let mut r = Rng::keyed(21, 2, 0, 0);
@@ -113,6 +113,18 @@ fn hits_are_solved_to_rounding() {
             assert!(w.dot(x.n) >= 0.0 || hit.is_some_and(|h| (h.t - 1.0).abs() < rounding), "{hit:?}");
         }
     }
+}
+
+#[test]
+fn winding_follows_the_normals_on_request() {
+    let (v, mut f) = shared_cube();
+    let outward = v.iter().map(|&p| p - 0.5).collect();
+    f.iter_mut().for_each(|f| f.swap(0, 1));
+    let m = TriangleMesh::new(v, f, Some(outward), None).unwrap();
+    assert_eq!(m.topology().faces_against_normals, 12);
+    assert!(m.topology().leaks().is_some_and(|l| l.contains("12 faces wound against")));
+    let m = m.wound_by_normals();
+    assert!(m.topology().leaks().is_none() && m.topology().signed_volume > 0.0);
 }
 
 fn ply_header(format: &str, vertices: usize, faces: usize) -> Vec<u8> {

@@ -101,6 +101,23 @@ impl TriangleMesh {
         TriangleMesh { normals, ..self.replaced(self.vertices.clone(), reverse(&self.faces), self.rounding) }
     }
 
+    /// Does the winding of a face oppose its vertex normals? Exporters write such files: their normals, not their
+    /// winding, say which side is outside. False without normals.
+    pub fn is_against_normals(&self, face: u32) -> bool {
+        let Some(n) = &self.normals else { return false };
+        let sum: DVec3 = self.faces[face as usize].iter().map(|&i| n[i as usize]).sum();
+        self.area_vector(face).dot(sum) < 0.0
+    }
+
+    /// Faces whose winding opposes their vertex normals reversed; the normals stay.
+    #[must_use]
+    pub fn wound_by_normals(&self) -> Self {
+        let wind = |(f, &[a, b, c]): (usize, &[u32; 3])| {
+            if self.is_against_normals(f as u32) { [a, c, b] } else { [a, b, c] }
+        };
+        self.replaced(self.vertices.clone(), self.faces.iter().enumerate().map(wind).collect(), self.rounding)
+    }
+
     /// v -> 1 - v.
     #[must_use]
     pub fn flip_tex_coords(&self) -> Self {
@@ -134,8 +151,7 @@ impl TriangleMesh {
         let (ab, bc, ca) = ((b - a).length_squared(), (c - b).length_squared(), (a - c).length_squared());
         let product = ab * bc * ca / ab.max(bc).max(ca);
         let n = (b - a).cross(c - a).length_squared();
-        // Written so that 0/0 counts as degenerate.
-        !(n > DEGENERATE * DEGENERATE * product)
+        n == 0.0 || n <= DEGENERATE * DEGENERATE * product
     }
 
     /// The hit on a face that Embree named, solved again in f64: `t` and the weights of the second and third vertex.

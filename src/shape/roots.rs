@@ -29,8 +29,7 @@ pub fn sphere_roots<R: Real>(center: V3<R>, radius: R, o: V3<R>, w: V3<R>) -> Op
     let b = l.dot(w) * a;
     let across = l - w * b;
     let disc = (radius.sqr() - across.length_squared()) * a;
-    // Written so that NaN misses.
-    if !(disc.value() > 0.0) {
+    if disc.value() <= 0.0 || disc.value().is_nan() {
         return None;
     }
     let product = (l.length_squared() - radius.sqr()) * a;

@@ -75,7 +75,7 @@ impl Sphere {
     /// 1 - cos of the half angle that the sphere fills from `x`; `None` from inside and from the surface itself.
     fn one_minus_cos_max(&self, x: DVec3) -> Option<f64> {
         let d = (self.center - x).length();
-        if !(d > self.radius) {
+        if d <= self.radius {
             return None;
         }
         let s = self.radius / d;

@@ -25,6 +25,8 @@ pub struct Topology {
     pub inconsistent_edges: usize,
     /// Faces without area.
     pub degenerate_faces: usize,
+    /// Faces whose winding opposes their vertex normals.
+    pub faces_against_normals: usize,
     /// Enclosed volume (closed meshes): positive if the normals point outward.
     pub signed_volume: f64,
 }
@@ -59,6 +61,7 @@ impl Topology {
             non_manifold_edges: edges.non_manifold,
             inconsistent_edges: edges.inconsistent,
             degenerate_faces: (0..mesh.faces.len() as u32).filter(|&f| mesh.is_degenerate(f)).count(),
+            faces_against_normals: (0..mesh.faces.len() as u32).filter(|&f| mesh.is_against_normals(f)).count(),
             signed_volume: signed_volume(mesh),
         }
     }
@@ -84,6 +87,9 @@ impl Topology {
         }
         if self.inconsistent_edges > 0 {
             parts.push(format!("{} edges whose faces disagree on the outside", self.inconsistent_edges));
+        }
+        if self.faces_against_normals > 0 {
+            parts.push(format!("{} faces wound against their vertex normals", self.faces_against_normals));
         }
         if self.is_closed() && self.is_consistently_oriented() && self.signed_volume < 0.0 {
             parts.push("normals that point inward".into());
