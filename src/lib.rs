@@ -1,3 +1,14 @@
+//! tyndall: a differentiable volumetric renderer. See ARCHITECTURE.md for the floors and the data that walks through them.
+
 pub mod error;
+pub mod light;
 pub mod math;
+pub mod medium;
+pub mod native;
+pub mod params;
+pub mod phase;
+pub mod scene;
+pub mod sensor;
 pub mod shape;
+pub mod surface;
+pub mod transport;

@@ -258,7 +258,7 @@ fn light(l: &super::parts::LightPart<f64>, slots: &SlotTable) -> Result<Light> {
         LightKindPart::Constant => LightKind::Constant,
         LightKindPart::Envmap { path, to_world } => {
             quantity = Quantity::EnvironmentScale;
-            let image = crate::image_io::load(path)
+            let image = crate::light::image_io::load(path)
                 .map_err(|e| Error::scene(&l.span, e.to_string(), "use an .exr or .hdr equirectangular image"))?;
             let m = to_world.affine().matrix3;
             let turn = DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());

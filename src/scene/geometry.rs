@@ -133,7 +133,7 @@ impl Scene {
         };
         let n = s.normal(face, p);
         let ns = match s {
-            Shape::Mesh(m) => m
+            Shape::Mesh(m) if !self.shapes[shape as usize].face_normals => m
                 .resolve(face, p + n, -n)
                 .and_then(|(_, b)| m.shading_normal(face, b))
                 .map_or(n, |ns| if ns.dot(n) < 0.0 { -ns } else { ns }),

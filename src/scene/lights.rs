@@ -73,9 +73,9 @@ impl Scene {
                 return Some(Arrival {
                     w: d.w,
                     distance: d.distance,
-                    factor: 1.0 / d.pdf,
+                    factor: 1.0 / d.pdf_solid_angle,
                     emission: light.emission(Rgb::ONE),
-                    pdf: d.pdf,
+                    pdf: d.pdf_solid_angle,
                     target: Some(shape),
                 });
             }

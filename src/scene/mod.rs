@@ -1,14 +1,23 @@
 //! Scenes: from a description (XML) to what can be rendered.
 
+pub mod advice;
 pub mod compile;
 pub mod desc;
 pub mod geometry;
 pub mod lights;
+pub mod node;
 pub mod parts;
+mod parts_camera;
+mod parts_objects;
 pub mod transform;
+pub mod value;
+pub mod volumes;
 pub mod xml;
 
+pub use desc::{Env, SceneDesc};
 pub use geometry::{Hit, On};
+pub use node::Node;
+pub use transform::Mat4;
 
 use crate::error::Warning;
 use crate::light::Light;
@@ -19,7 +28,6 @@ use crate::params::SlotTable;
 use crate::sensor::Sensor;
 use crate::shape::{Bounds, Shape};
 use crate::surface::Surface;
-use crate::transport::Settings;
 use geometry::Group;
 
 /// A shape with what it does to light.
@@ -31,6 +39,8 @@ pub struct Instance {
     pub interior: Option<u32>,
     pub exterior: Option<u32>,
     pub light: Option<u32>,
+    /// Shade with the face's own normal even where the mesh has others.
+    pub face_normals: bool,
 }
 
 impl Instance {
@@ -46,6 +56,26 @@ impl Instance {
     }
 }
 
+/// What ends a path, and what is shown, by the integrator's settings.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Number of edges from the camera, as Mitsuba counts; `u32::MAX` = unlimited.
+    pub max_depth: u32,
+    /// Scatterings before roulette begins.
+    pub rr_depth: u32,
+    pub hide_emitters: bool,
+    /// A path is cut here and counted, never silently.
+    pub cap: u64,
+}
+
+/// What a sensor's film and sampler ask for.
+#[derive(Clone, Copy, Debug)]
+pub struct Film {
+    pub part: parts::FilmPart,
+    pub spp: u64,
+    pub seed: u64,
+}
+
 /// Everything a walk needs.
 pub struct Scene {
     pub shapes: Vec<Instance>,
@@ -55,6 +85,8 @@ pub struct Scene {
     /// The environment light.
     pub environment: Option<u32>,
     pub sensors: Vec<Sensor>,
+    /// One a sensor.
+    pub films: Vec<Film>,
     pub settings: Settings,
     pub slots: SlotTable,
     pub bounds: Bounds,

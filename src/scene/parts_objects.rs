@@ -232,10 +232,12 @@ impl<R: Real> Reader<'_, R> {
                 let path = needs_file(v)?;
                 let mut to_world = v.transform(self.env, "to_world")?;
                 if v.bool("use_grid_bbox", false)? {
-                    let (lo, hi) = crate::medium::grid::vol::read_bbox(&path)
-                        .map_err(|e| v.err("filename", e, "give a Mitsuba .vol file (version 3, float32)"))?;
-                    let size = V3::constant(hi - lo);
-                    to_world = to_world * super::transform::translate(V3::constant(lo)) * super::transform::scale(size);
+                    let place = crate::medium::grid::vol::Vol::read_bbox(&path).map_err(|e| {
+                        v.err("filename", e.to_string(), "give a Mitsuba .vol file (version 3, float32)")
+                    })?;
+                    let size = V3::constant(place.transform_vector3(DVec3::ONE));
+                    let low = V3::constant(place.translation);
+                    to_world = to_world * super::transform::translate(low) * super::transform::scale(size);
                 }
                 Ok(VolumePart::Vol { path, to_world, span: v.span_of("filename"), smooth })
             }

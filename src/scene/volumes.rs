@@ -23,7 +23,7 @@ pub fn load_vol(
         if !options.repair_voxels {
             return Err(Error::scene(span, format!("{}: {bad}", path.display()), VOXEL_REMEDY));
         }
-        let n = repair(&mut vol.data);
+        let n = repair(&mut vol.values);
         warnings.push(repaired(span, path, n));
     }
     vol.grid(to_world, if smooth { Filter::Trilinear } else { Filter::Nearest }).map_err(fail)
@@ -48,14 +48,6 @@ pub fn load_vdb(
         bbox: info.bbox,
         clip: None,
     };
-    if info.background.iter().any(|b| *b != 0.0) {
-        warnings.push(Warning {
-            kind: WarningKind::NoEffect,
-            span: span.clone(),
-            what: format!("grid `{name}` has the background value {}, which holds in its box only", info.background[0]),
-            hint: "outside the box of active voxels there is no medium; give the grid the background 0".into(),
-        });
-    }
     let build = |grid: &vdb::VdbGrid| {
         let mut b = GridBuilder::new(source.clone());
         for t in &grid.tiles {

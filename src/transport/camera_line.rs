@@ -11,7 +11,7 @@ use super::tracking::{self, Forced};
 use super::walk::{Flight, Stage, State, Walker};
 use crate::math::Rgb;
 use crate::medium::Volume;
-use crate::scene::{Hit, On};
+use crate::scene::{Hit, On, Scene};
 
 /// One medium span of the line, with the optical depth in front of it and in it.
 struct Piece {
@@ -113,8 +113,8 @@ fn scatter_probability<R: Recorder>(
 }
 
 /// Density per length of the forced collision at `t` of `piece`, per channel.
-fn forced_density<R: Recorder>(w: &Walker<R>, piece: &Piece, total: Rgb, t: f64) -> Rgb {
-    let m = &w.scene.media[piece.span.medium as usize];
+fn forced_density(scene: &Scene, piece: &Piece, total: Rgb, t: f64) -> Rgb {
+    let m = &scene.media[piece.span.medium as usize];
     let part = MediumSpan { t1: t, ..piece.span };
     let depth = piece.before + tracking::depth(m, &part);
     let (sigma_t, _) = m.coefficients(piece.span.o + piece.span.w * t);
@@ -142,7 +142,7 @@ fn side_estimates<R: Recorder>(
         if R::ON {
             lead.iter().for_each(|q| w.rec.side_span(q.span));
         }
-        let density = |w: &Walker<R>, t: f64| forced_density(w, piece, total, t).mean() * share.scatter;
+        let density = |scene: &Scene, t: f64| forced_density(scene, piece, total, t).mean() * share.scatter;
         connect::equiangular(w, &mut s.rng, piece.span, prefix * before, 0, first, density);
     }
     if let Some(rng) = w.rec.candidate_rng() {
@@ -150,7 +150,7 @@ fn side_estimates<R: Recorder>(
         if let Some((t, weight)) = tracking::transmittance_point(m, &piece.span, piece.depth, rng) {
             let p = piece.span.o + piece.span.w * t;
             let weight = prefix * before * weight;
-            let density = forced_density(w, piece, total, t).mean() * share.scatter;
+            let density = forced_density(w.scene, piece, total, t).mean() * share.scatter;
             let flight = Flight { span: Some(piece.span), density };
             w.rec.push(Event::Candidate { medium: piece.span.medium, p, w: piece.span.w, weight, flight });
         }
@@ -168,7 +168,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Piece
     let piece = &pieces[k];
     let m = &scene.media[piece.span.medium as usize];
     let point = piece.span.o + piece.span.w * t;
-    let density = forced_density(w, piece, total, t);
+    let density = forced_density(scene, piece, total, t);
     if total.is_gray() && m.gray {
         s.beta *= m.albedo_at(point) * (-(-total[0]).exp_m1() / p);
     } else {

@@ -12,7 +12,7 @@ use crate::light::Arrival;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
-use crate::scene::On;
+use crate::scene::{On, Scene};
 use crate::surface::Surface;
 
 /// Mean survival of a sampled direction over an optical depth.
@@ -123,7 +123,7 @@ pub fn equiangular<R: Recorder>(
     prefix: Rgb,
     depth: u32,
     first: u32,
-    flight_density: impl Fn(&Walker<R>, f64) -> f64,
+    flight_density: impl Fn(&Scene, f64) -> f64,
 ) {
     let scene = w.scene;
     let Some((light, q)) = scene.select_local_light(rng.uniform()) else { return };
@@ -144,7 +144,7 @@ pub fn equiangular<R: Recorder>(
         return;
     }
     let equi = q * angles.density(t);
-    let flight = scene.selection(light) * flight_density(w, t);
+    let flight = scene.selection(light) * flight_density(scene, t);
     let part = MediumSpan { t1: t, ..span };
     // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
     let mut unscored = *rng;

@@ -10,10 +10,10 @@ pub mod walk;
 
 pub use record::{NoRecord, PathRecord};
 pub use sweep::{Sweep, SweepFacts};
-pub use walk::{Settings, State, Tally};
+pub use walk::{State, Tally};
 
 use crate::math::Rgb;
-use crate::scene::Scene;
+use crate::scene::{Scene, Settings};
 
 /// The value of one camera path.
 pub fn sample(scene: &Scene, set: &Settings, state: State, tally: &mut Tally) -> Rgb {

@@ -7,6 +7,7 @@ use super::sweep::Candidates;
 use super::walk::{Flight, State};
 use crate::light::Emission;
 use crate::math::rng::Rng;
+use crate::scene::Hit;
 use crate::math::{DVec3, Rgb};
 
 /// Events held at a time.
@@ -45,7 +46,7 @@ pub enum Event {
     /// The phase function of the continuation.
     Turn { medium: u32, one_minus_mu: f64 },
     /// A reflection: factor rho. `prefix.beta/r` before it, for the candidate at small rho.
-    Surface { surface: u32, hit: super::Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
+    Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
     /// Light met by the walk: `weight x emission` was added.
     Emit { weight: Rgb, emission: Emission },
     /// A connection to a light: `weight x emission` was added; own spans, own phase, and for a point that the

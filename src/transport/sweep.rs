@@ -15,13 +15,13 @@
 
 use super::camera_line;
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
-use super::walk::{Flight, Settings, Stage, State, Tally, Walker};
+use super::walk::{Flight, Stage, State, Tally, Walker};
 use crate::light::Emission;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
 use crate::params::{ParamSet, Sink, Slot};
-use crate::scene::{Hit, On, Scene};
+use crate::scene::{Hit, On, Scene, Settings};
 use crate::surface::Surface;
 use std::sync::Arc;
 

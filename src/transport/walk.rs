@@ -14,21 +14,9 @@ use super::tracking;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
-use crate::scene::{Hit, On, Scene};
+use crate::scene::{Hit, On, Scene, Settings};
 use crate::surface::Surface;
 use std::sync::Arc;
-
-/// What ends a path, and what is shown, by the integrator's settings.
-#[derive(Clone, Copy, Debug)]
-pub struct Settings {
-    /// Number of edges from the camera, as Mitsuba counts; `u32::MAX` = unlimited.
-    pub max_depth: u32,
-    /// Scatterings before roulette begins.
-    pub rr_depth: u32,
-    pub hide_emitters: bool,
-    /// A path is cut here and counted, never silently.
-    pub cap: u64,
-}
 
 /// How the walk goes on from a state.
 #[derive(Clone, Copy, Debug)]
@@ -185,7 +173,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             if connects {
                 let prefix = s.beta / s.r.mean();
                 let (first, depth) = (self.rec.side_len(), s.depth);
-                let density = |_: &Self, t: f64| tracking::flight_density(medium, &span, t);
+                let density = |_: &Scene, t: f64| tracking::flight_density(medium, &span, t);
                 connect::equiangular(self, &mut s.rng, span, prefix, depth, first, density);
             }
             let (beta, r) = (s.beta, s.r);

@@ -35,6 +35,14 @@ pub struct BadVoxel {
     pub count: usize,
 }
 
+impl std::fmt::Display for BadVoxel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [x, y, z] = self.index;
+        write!(f, "voxel [{x}, {y}, {z}] is {}", self.value)?;
+        if self.count > 1 { write!(f, ", and {} more are NaN, infinite or negative", self.count - 1) } else { Ok(()) }
+    }
+}
+
 /// The first value, in slot order, that is not finite or (on request) is negative. `index` maps a slot to its node.
 pub(super) fn find_bad(
     values: &[f32],

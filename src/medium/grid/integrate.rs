@@ -8,7 +8,7 @@ use super::bricks::{BRICK, ROW, SLAB};
 use super::nodes::{NodeId, weights};
 use super::traverse::Ray;
 use super::{Grid, Span, corners, mix};
-use crate::math::DVec3;
+use crate::math::{DVec3, Rgb};
 
 /// Half the distance of the two Gauss points in units of the interval: 1 / (2 sqrt 3).
 const GAUSS: f64 = 0.288_675_134_594_812_9;
@@ -213,6 +213,16 @@ impl Grid {
             self.add_span::<3, 1>(&ray, span, &mut sum);
         }
         sum[0]
+    }
+
+    /// Integral of all channels over one span of the same ray.
+    pub fn integrate_span_rgb(&self, span: &Span, o: DVec3, w: DVec3) -> Rgb {
+        if self.frame.channels == 1 {
+            return Rgb::splat(self.integrate_span(span, o, w));
+        }
+        let (ray, mut sum) = (Ray::new(self, o, w), [0.0; 3]);
+        self.add_span::<3, 3>(&ray, span, &mut sum);
+        Rgb(sum)
     }
 
     /// `Ok(t)` where the integral of channel 0 from `t0` reaches `target`, or `Err` of the whole integral if that is less.

@@ -19,7 +19,7 @@ mod tests;
 mod traverse;
 pub mod vol;
 
-use crate::math::{DAffine3, DVec3};
+use crate::math::{DAffine3, DVec3, Rgb};
 use std::sync::Arc;
 
 pub use builder::{BadVoxel, GridBuilder, GridSource};
@@ -224,6 +224,12 @@ impl Grid {
     }
 
     /// Scalar field (channel 0) at an index position.
+    /// All channels, a scalar grid in each.
+    #[inline]
+    pub fn lookup_rgb(&self, p_world: DVec3) -> Rgb {
+        if self.frame.channels == 1 { Rgb::splat(self.lookup(p_world)) } else { Rgb(self.lookup3(p_world)) }
+    }
+
     pub fn lookup_index(&self, p_index: DVec3) -> f64 {
         self.scalar_at(p_index - DVec3::from(self.frame.origin.map(f64::from)))
     }

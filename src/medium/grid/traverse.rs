@@ -239,6 +239,11 @@ impl Grid {
         SpanIter::new(self, o, w, t0, t1, true)
     }
 
+    /// The part of [t0, t1] in which the field may differ from 0; empty if the first is not below the second.
+    pub fn clip_ray(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> (f64, f64) {
+        if self.outside != [0.0; 3] { (t0, t1) } else { Ray::new(self, o, w).clip(self.lo, self.hi, t0, t1) }
+    }
+
     /// The same, brick by brick.
     pub(super) fn single_spans(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> SpanIter<'_> {
         SpanIter::new(self, o, w, t0, t1, false)

@@ -76,6 +76,16 @@ impl Vol {
         Vol::parse(&bytes).map_err(|what| Error::Runtime(format!("{}: {what}", path.display())))
     }
 
+    /// The placement of the unit cube that a file's bounding box asks for; reads the header only.
+    pub fn read_bbox(path: &Path) -> Result<DAffine3> {
+        let io = |source| Error::Io { what: format!("reading {}", path.display()), source };
+        let mut header = [0u8; HEADER];
+        std::io::Read::read_exact(&mut std::fs::File::open(path).map_err(io)?, &mut header).map_err(io)?;
+        let float = |i: usize| f64::from(f32::from_le_bytes([0, 1, 2, 3].map(|k| header[4 * i + k])));
+        let (low, high) = (DVec3::new(float(6), float(7), float(8)), DVec3::new(float(9), float(10), float(11)));
+        Ok(DAffine3 { matrix3: DMat3::from_diagonal(high - low), translation: low })
+    }
+
     /// The bytes of a file. Errors if the values do not fit the resolution.
     pub fn to_bytes(&self) -> std::result::Result<Vec<u8>, String> {
         let count = self.res.iter().try_fold(self.channels, |n, &r| n.checked_mul(r));
