@@ -1,0 +1,598 @@
+//! Sparse grids from and to `.vdb` files.
+//!
+//! OpenVDB works only here, at load and write-back; rendering reads what Rust owns. Index space has voxel *centres* at
+//! integers: world = `world_from_index` * (i, j, k).
+//!
+//! OpenVDB trusts the counts in a file: it allocates what they say before it reads. So the frame of a file (strings,
+//! metadata, offsets) is checked against the file's length before OpenVDB sees it, and behind that every short read throws.
+
+use crate::error::{Error, Result};
+use crate::math::{DAffine3, DMat4, DVec3};
+use openvdb_sys as sys;
+use std::ffi::{CStr, CString, c_char};
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+/// Edge of a leaf, in voxels.
+pub const LEAF: i32 = 8;
+/// Voxels of a leaf.
+pub const LEAF_VOXELS: usize = 512;
+/// Origins beyond this are damage: half of what 32-bit index arithmetic can carry.
+const FAR: i32 = 1 << 30;
+
+/// What a file says of one grid, and what its topology shows.
+#[derive(Clone, Debug)]
+pub struct GridInfo {
+    pub name: String,
+    /// Place in the file, from 0.
+    pub index: usize,
+    /// "float", "double", "int32", "int64", "bool", "mask", "vec3s", "vec3d", "vec3i"; the tree's type where OpenVDB does
+    /// not know it. Half floats are "float" with `stored_half`.
+    pub value_type: String,
+    /// "fog volume", "level set", "staggered", "unknown".
+    pub class: String,
+    pub creator: String,
+    /// OpenVDB's name of the map, such as "UniformScaleTranslateMap".
+    pub transform: String,
+    /// NaN if the map is not affine (frustum); such a grid cannot be loaded.
+    pub world_from_index: DAffine3,
+    /// Inverse of `world_from_index`.
+    pub index_from_world: DAffine3,
+    /// Scalars are in the first place.
+    pub background: [f64; 3],
+    /// Active voxels, those in tiles included.
+    pub active_voxels: u64,
+    pub leaf_count: u64,
+    /// Box of the active voxels, both corners within.
+    pub bbox: Option<([i32; 3], [i32; 3])>,
+    pub stored_half: bool,
+    /// Bytes in OpenVDB's own memory when loaded.
+    pub memory: u64,
+}
+
+/// A block of 8^3 voxels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Leaf {
+    /// Lowest voxel; a multiple of 8.
+    pub origin: [i32; 3],
+    /// Bit `i % 64` of word `i / 64`: voxel `i` is active.
+    pub active: [u64; 8],
+    /// Voxel (x, y, z) of the leaf is `i = x << 6 | y << 3 | z`, channels interleaved.
+    pub values: Vec<f32>,
+}
+
+impl Leaf {
+    pub fn is_active(&self, voxel: usize) -> bool {
+        self.active[voxel >> 6] >> (voxel & 63) & 1 != 0
+    }
+}
+
+/// A cube of one value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tile {
+    /// Lowest voxel; a multiple of `size`.
+    pub origin: [i32; 3],
+    /// Edge in voxels: 8, 128 or 4096.
+    pub size: i32,
+    /// Scalars are in the first place.
+    pub value: [f32; 3],
+    pub active: bool,
+}
+
+/// A grid in memory. Where there is neither leaf nor tile, it has the background's value.
+#[derive(Clone, Debug)]
+pub struct VdbGrid {
+    pub info: GridInfo,
+    /// 1 or 3.
+    pub channels: usize,
+    pub leaves: Vec<Leaf>,
+    /// Active tiles, and inactive ones whose value is not the background's.
+    pub tiles: Vec<Tile>,
+}
+
+/// Which grid of a file. A file may have several of one name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Select {
+    /// The first of that name.
+    Name(String),
+    /// Place in the file, from 0.
+    Index(usize),
+    /// The n-th of that name, from 0.
+    NameIndex(String, usize),
+}
+
+/// A grid of floats to be written.
+#[derive(Clone, Debug)]
+pub struct WriteGrid {
+    pub name: String,
+    pub world_from_index: DAffine3,
+    pub background: f32,
+    /// 512 values each. OpenVDB keeps the values of inactive voxels only if there are at most two different ones.
+    pub leaves: Vec<Leaf>,
+    pub tiles: Vec<Tile>,
+    /// "fog volume", "level set", "unknown".
+    pub class: String,
+    /// Store half floats.
+    pub half: bool,
+}
+
+/// How a file is packed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Compression {
+    /// Blosc and active voxels only, where the library has it.
+    #[default]
+    Default,
+    None,
+    Zip,
+}
+
+/// Version of the OpenVDB library, such as "10.0.1".
+pub fn version() -> String {
+    // SAFETY: a static string.
+    unsafe { text(sys::tvdb_version()) }
+}
+
+/// All grids of a file, in its order: metadata and topology. No leaf values are read.
+pub fn list(path: &Path) -> Result<Vec<GridInfo>> {
+    let file = Open::new(path)?;
+    (0..file.count()).map(|i| file.stats(i)).collect()
+}
+
+/// Load one grid. Values become f32; other types than float, half, double, int32, int64, bool, mask and vec3 are errors.
+pub fn load(path: &Path, select: &Select) -> Result<VdbGrid> {
+    let file = Open::new(path)?;
+    file.load(file.find(select)?)?.read(path)
+}
+
+/// OpenVDB's own trilinear sampler at world points; vectors interleaved. For tests.
+pub fn sample_box(path: &Path, select: &Select, points: &[DVec3]) -> Result<Vec<f64>> {
+    let file = Open::new(path)?;
+    let grid = file.load(file.find(select)?)?;
+    let mut out = vec![0.0; points.len() * grid.channels];
+    let xyz: Vec<f64> = points.iter().flat_map(|p| p.to_array()).collect();
+    // SAFETY: `xyz` has 3 n numbers and `out` n * channels.
+    call(path, &grid.info.name, |e, n| unsafe {
+        sys::tvdb_sample(grid.handle, xyz.as_ptr(), points.len(), out.as_mut_ptr(), e, n)
+    })?;
+    Ok(out)
+}
+
+/// Write a file of float grids. It appears whole or not at all.
+pub fn write(path: &Path, grids: &[WriteGrid]) -> Result<()> {
+    write_packed(path, grids, Compression::Default)
+}
+
+/// As [`write`], with a choice of the packing.
+pub fn write_packed(path: &Path, grids: &[WriteGrid], compression: Compression) -> Result<()> {
+    let mut temporary = path.as_os_str().to_owned();
+    temporary.push(format!(".{}.part", std::process::id()));
+    let temporary = Path::new(&temporary);
+    let written = write_file(temporary, path, grids, compression).and_then(|()| {
+        std::fs::rename(temporary, path).map_err(|source| Error::Io { what: path.display().to_string(), source })
+    });
+    if written.is_err() {
+        // Nothing to tell beyond the error that led here.
+        let _ = std::fs::remove_file(temporary);
+    }
+    written
+}
+
+fn write_file(temporary: &Path, path: &Path, grids: &[WriteGrid], compression: Compression) -> Result<()> {
+    let mut writer = Writer(std::ptr::null_mut());
+    // SAFETY: the handle goes into `writer`, which frees it.
+    call(path, "", |e, n| unsafe { sys::tvdb_writer_new(&mut writer.0, e, n) })?;
+    for g in grids {
+        let name = c_string(path, &g.name)?;
+        let class = c_string(path, &g.class)?;
+        let m = DMat4::from(g.world_from_index).to_cols_array();
+        if !g.world_from_index.is_finite() || g.world_from_index.matrix3.determinant() == 0.0 {
+            return Err(damage(path, &g.name, "its transform cannot be inverted"));
+        }
+        // SAFETY: C strings and 16 numbers, alive through the call.
+        call(path, &g.name, |e, n| unsafe {
+            sys::tvdb_writer_grid(
+                writer.0,
+                name.as_ptr(),
+                class.as_ptr(),
+                m.as_ptr(),
+                g.background,
+                i32::from(g.half),
+                e,
+                n,
+            )
+        })?;
+
+        // Tiles first: a leaf within one takes its place.
+        for t in &g.tiles {
+            if ![8, 128, 4096].contains(&t.size) || !aligned(t.origin, t.size) {
+                return Err(damage(path, &g.name, &format!("no tile of edge {} at {:?} is possible", t.size, t.origin)));
+            }
+            // SAFETY: three numbers.
+            call(path, &g.name, |e, n| unsafe {
+                sys::tvdb_writer_tile(writer.0, t.origin.as_ptr(), t.size, t.value[0], i32::from(t.active), e, n)
+            })?;
+        }
+        for l in &g.leaves {
+            if l.values.len() != LEAF_VOXELS || !aligned(l.origin, LEAF) {
+                let what = format!("leaf at {:?} with {} values: 512 at multiples of 8 are needed", l.origin, l.values.len());
+                return Err(damage(path, &g.name, &what));
+            }
+            // SAFETY: 3, 8 and 512 numbers.
+            call(path, &g.name, |e, n| unsafe {
+                sys::tvdb_writer_leaf(writer.0, l.origin.as_ptr(), l.active.as_ptr(), l.values.as_ptr(), e, n)
+            })?;
+        }
+    }
+    let out = c_path(temporary)?;
+    let compression = match compression {
+        Compression::Default => 0,
+        Compression::None => 1,
+        Compression::Zip => 2,
+    };
+    // SAFETY: a C string.
+    call(path, "", |e, n| unsafe { sys::tvdb_writer_finish(writer.0, out.as_ptr(), compression, e, n) })
+}
+
+/// A file whose frame was checked, open in OpenVDB.
+struct Open<'a> {
+    path: &'a Path,
+    handle: *mut sys::tvdb_file,
+}
+
+impl Drop for Open<'_> {
+    fn drop(&mut self) {
+        // SAFETY: our own handle, closed once; null is allowed.
+        unsafe { sys::tvdb_close(self.handle) };
+    }
+}
+
+impl<'a> Open<'a> {
+    fn new(path: &'a Path) -> Result<Self> {
+        check_frame(path)?;
+        let mut file = Open { path, handle: std::ptr::null_mut() };
+        let c = c_path(path)?;
+        // SAFETY: a C string; the handle goes into `file`, which closes it.
+        call(path, "", |e, n| unsafe { sys::tvdb_open(c.as_ptr(), &mut file.handle, e, n) })?;
+        Ok(file)
+    }
+
+    fn count(&self) -> usize {
+        // SAFETY: an open handle.
+        unsafe { sys::tvdb_count(self.handle) }
+    }
+
+    fn name(&self, i: usize) -> String {
+        // SAFETY: an open handle; the string lives as long as it.
+        unsafe { text(sys::tvdb_name(self.handle, i)) }
+    }
+
+    fn find(&self, select: &Select) -> Result<usize> {
+        let names: Vec<String> = (0..self.count()).map(|i| self.name(i)).collect();
+        let (found, wanted) = match select {
+            Select::Index(i) => (Some(*i).filter(|&i| i < names.len()), format!("grid number {i}")),
+            Select::Name(n) => (names.iter().position(|m| m == n), format!("grid `{n}`")),
+            Select::NameIndex(n, k) => {
+                let nth = names.iter().enumerate().filter(|(_, m)| *m == n).nth(*k).map(|(i, _)| i);
+                (nth, format!("grid `{n}` number {k}"))
+            }
+        };
+        found.ok_or_else(|| {
+            let there = names.iter().enumerate().map(|(i, n)| format!("{i}: {n}")).collect::<Vec<_>>().join(", ");
+            let there = if there.is_empty() { "no grid".to_string() } else { there };
+            Error::Runtime(format!("{}: it has no {wanted}; it has {there}", self.path.display()))
+        })
+    }
+
+    fn stats(&self, i: usize) -> Result<GridInfo> {
+        let mut raw = std::mem::MaybeUninit::<sys::tvdb_info>::zeroed();
+        // SAFETY: an open handle and room for one description.
+        call(self.path, &self.name(i), |e, n| unsafe { sys::tvdb_stats(self.handle, i, raw.as_mut_ptr(), e, n) })?;
+        // SAFETY: filled by the shim; its strings live as long as the handle.
+        Ok(unsafe { grid_info(i, &raw.assume_init()) })
+    }
+
+    fn load(&self, i: usize) -> Result<Loaded> {
+        let mut raw = std::mem::MaybeUninit::<sys::tvdb_info>::zeroed();
+        let name = self.name(i);
+        let mut handle = std::ptr::null_mut();
+        // SAFETY: an open handle, room for one description and one handle.
+        call(self.path, &name, |e, n| unsafe { sys::tvdb_load(self.handle, i, &mut handle, raw.as_mut_ptr(), e, n) })?;
+        // SAFETY: filled by the shim; its strings live as long as the file's handle.
+        let (info, channels) = unsafe {
+            let raw = raw.assume_init();
+            (grid_info(i, &raw), raw.channels as usize)
+        };
+        let loaded = Loaded { handle, info, channels };
+        if !loaded.info.world_from_index.is_finite() {
+            let what = format!("its transform is a {}: only affine ones can be rendered", loaded.info.transform);
+            return Err(damage(self.path, &name, &what));
+        }
+        if !loaded.info.index_from_world.is_finite() {
+            return Err(damage(self.path, &name, "its transform cannot be inverted"));
+        }
+        Ok(loaded)
+    }
+}
+
+/// A grid in OpenVDB's memory.
+struct Loaded {
+    handle: *mut sys::tvdb_grid,
+    info: GridInfo,
+    channels: usize,
+}
+
+impl Drop for Loaded {
+    fn drop(&mut self) {
+        // SAFETY: our own handle, released once.
+        unsafe { sys::tvdb_release(self.handle) };
+    }
+}
+
+impl Loaded {
+    /// Copy leaves and tiles out.
+    fn read(self, path: &Path) -> Result<VdbGrid> {
+        let (mut leaf_count, mut tile_count) = (0, 0);
+        // SAFETY: an open handle.
+        unsafe { sys::tvdb_node_counts(self.handle, &mut leaf_count, &mut tile_count) };
+        let name = &self.info.name;
+        let mut leaves = Vec::with_capacity(leaf_count);
+        for i in 0..leaf_count {
+            let mut leaf = Leaf { origin: [0; 3], active: [0; 8], values: vec![0.0; LEAF_VOXELS * self.channels] };
+            // SAFETY: room for 3, 8 and 512 * channels numbers.
+            call(path, name, |e, n| unsafe {
+                let (origin, active) = (leaf.origin.as_mut_ptr(), leaf.active.as_mut_ptr());
+                sys::tvdb_leaf(self.handle, i, origin, active, leaf.values.as_mut_ptr(), e, n)
+            })?;
+            if !aligned(leaf.origin, LEAF) {
+                return Err(damage(path, name, &format!("a leaf lies at {:?} (damaged file)", leaf.origin)));
+            }
+            leaves.push(leaf);
+        }
+        let mut tiles = Vec::with_capacity(tile_count);
+        for i in 0..tile_count {
+            let mut tile = Tile { origin: [0; 3], size: 0, value: [0.0; 3], active: false };
+            let mut active = 0;
+            // SAFETY: room for 3, 1, 3 and 1 numbers.
+            call(path, name, |e, n| unsafe {
+                let (origin, value) = (tile.origin.as_mut_ptr(), tile.value.as_mut_ptr());
+                sys::tvdb_tile(self.handle, i, origin, &mut tile.size, value, &mut active, e, n)
+            })?;
+            tile.active = active != 0;
+            if !aligned(tile.origin, tile.size) {
+                return Err(damage(path, name, &format!("a tile lies at {:?} (damaged file)", tile.origin)));
+            }
+            tiles.push(tile);
+        }
+        Ok(VdbGrid { info: self.info.clone(), channels: self.channels, leaves, tiles })
+    }
+}
+
+struct Writer(*mut sys::tvdb_writer);
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        // SAFETY: our own handle, freed once; null is allowed.
+        unsafe { sys::tvdb_writer_free(self.0) };
+    }
+}
+
+fn aligned(origin: [i32; 3], size: i32) -> bool {
+    size > 0 && origin.iter().all(|&x| x.rem_euclid(size) == 0 && (-FAR..FAR).contains(&x))
+}
+
+fn damage(path: &Path, grid: &str, what: &str) -> Error {
+    if grid.is_empty() {
+        Error::Runtime(format!("{}: {what}", path.display()))
+    } else {
+        Error::Runtime(format!("{}: grid `{grid}`: {what}", path.display()))
+    }
+}
+
+/// Call a function of the shim with room for its message; its message becomes the error.
+fn call(path: &Path, grid: &str, f: impl FnOnce(*mut c_char, usize) -> i32) -> Result<()> {
+    let mut message = [0 as c_char; 1024];
+    if f(message.as_mut_ptr(), message.len()) == 0 {
+        return Ok(());
+    }
+    // SAFETY: the shim ends the message with a zero within the room it was told; without one it is empty.
+    let what = unsafe { text(message.as_ptr()) };
+    let what = if what.is_empty() { "OpenVDB fails without a message" } else { &what };
+    Err(damage(path, grid, what))
+}
+
+/// # Safety
+/// Null, or a C string.
+unsafe fn text(s: *const c_char) -> String {
+    if s.is_null() {
+        return String::new();
+    }
+    // SAFETY: the caller's promise.
+    unsafe { CStr::from_ptr(s) }.to_string_lossy().into_owned()
+}
+
+fn c_string(path: &Path, s: &str) -> Result<CString> {
+    CString::new(s).map_err(|_| damage(path, "", &format!("the name {s:?} has a zero in it")))
+}
+
+fn c_path(path: &Path) -> Result<CString> {
+    use std::os::unix::ffi::OsStrExt;
+    CString::new(path.as_os_str().as_bytes()).map_err(|_| damage(path, "", "the file name has a zero in it"))
+}
+
+/// # Safety
+/// The strings of `raw` are alive.
+unsafe fn grid_info(index: usize, raw: &sys::tvdb_info) -> GridInfo {
+    let world_from_index = DAffine3::from_mat4(DMat4::from_cols_array(&raw.world_from_index));
+    // SAFETY: the caller's promise.
+    let t = |s| unsafe { text(s) };
+    GridInfo {
+        name: t(raw.name),
+        index,
+        value_type: t(raw.value_type),
+        class: t(raw.grid_class),
+        creator: t(raw.creator),
+        transform: t(raw.transform),
+        world_from_index,
+        index_from_world: world_from_index.inverse(),
+        background: raw.background,
+        active_voxels: raw.active_voxels,
+        leaf_count: raw.leaves,
+        bbox: (raw.active_voxels > 0).then_some((raw.lo, raw.hi)),
+        stored_half: raw.stored_half != 0,
+        memory: raw.memory,
+    }
+}
+
+/// Walk a file's frame (header, metadata, descriptors, each grid's metadata) and hold it against the file's length.
+fn check_frame(path: &Path) -> Result<()> {
+    let io = |source| Error::Io { what: path.display().to_string(), source };
+    let file = File::open(path).map_err(io)?;
+    let about = file.metadata().map_err(io)?;
+    if !about.is_file() {
+        return Err(damage(path, "", "it is not a file"));
+    }
+    let mut frame = Frame { r: BufReader::new(file), length: about.len(), at: 0 };
+    frame.check().map_err(|what| damage(path, "", &what))
+}
+
+/// A reader that knows where it is and where the file ends.
+struct Frame {
+    r: BufReader<File>,
+    length: u64,
+    at: u64,
+}
+
+type Checked<T> = std::result::Result<T, String>;
+
+impl Frame {
+    fn check(&mut self) -> Checked<()> {
+        let magic = self.bytes::<8>().unwrap_or_default();
+        if magic != [0x20, b'B', b'D', b'V', 0, 0, 0, 0] {
+            return Err("it is not a VDB file".into());
+        }
+        let format = self.u32()?;
+        // SAFETY: a constant of the library.
+        let newest = unsafe { sys::tvdb_file_version() };
+        if format < 222 {
+            return Err(format!("its format {format} is older than OpenVDB 1.1; write it again with a newer program"));
+        }
+        if format > newest {
+            return Err(format!("its format {format} is newer than OpenVDB {} can read (damaged file?)", version()));
+        }
+        let _library_version = self.bytes::<8>()?;
+        let [offsets] = self.bytes::<1>()?;
+        let _uuid = self.bytes::<36>()?;
+        self.metadata()?;
+        let grids = self.u32()?;
+        if offsets != 1 {
+            return Err(match offsets {
+                0 => "it was written as a stream, without grid offsets; write it again as a file".into(),
+                _ => "its header is damaged".to_string(),
+            });
+        }
+        for i in 0..grids {
+            let name = self.string()?;
+            self.string()?;
+            self.string()?;
+            let (start, blocks, end) = (self.i64()?, self.i64()?, self.i64()?);
+            let here = self.at;
+            if end as u64 > self.length && end >= 0 {
+                return Err(format!(
+                    "it is cut: grid {i} (`{name}`) ends at byte {end}, but the file has {} bytes",
+                    self.length
+                ));
+            }
+            if start < here as i64 || blocks < start || end < blocks {
+                return Err(format!("the offsets of grid {i} (`{name}`) are damaged: {start}, {blocks}, {end} at byte {here}"));
+            }
+            self.seek(start as u64)?;
+            let _compression = self.u32()?;
+            self.metadata()?;
+            self.string()?;
+            if self.at > end as u64 {
+                return Err(format!("grid {i} (`{name}`) runs over its end"));
+            }
+            self.seek(end as u64)?;
+        }
+        Ok(())
+    }
+
+    fn metadata(&mut self) -> Checked<()> {
+        let n = self.u32()?;
+        for _ in 0..n {
+            let name = self.string()?;
+            let kind = self.string()?;
+            let size = u64::from(self.u32()?);
+            let end = self.room(size)?;
+            let fixed = match kind.as_str() {
+                "bool" => Some(1),
+                "int32" | "float" => Some(4),
+                "int64" | "double" | "vec2i" | "vec2s" => Some(8),
+                "vec3i" | "vec3s" => Some(12),
+                "vec2d" | "vec4i" | "vec4s" | "quats" => Some(16),
+                "vec3d" => Some(24),
+                "vec4d" | "quatd" => Some(32),
+                "mat3s" => Some(36),
+                "mat4s" => Some(64),
+                "mat3d" => Some(72),
+                "mat4d" => Some(128),
+                _ => None,
+            };
+            if fixed.is_some_and(|f| f != size) {
+                return Err(format!("metadata `{name}` of type {kind} has {size} bytes (damaged file)"));
+            }
+            // Its count makes OpenVDB allocate: it is a number of leaves, each of which has its mask in the file.
+            if kind == "__delayedload" && size >= 4 {
+                let leaves = u64::from(self.u32()?);
+                if leaves * 64 > self.length {
+                    return Err(format!("metadata `{name}` counts {leaves} leaves (damaged file)"));
+                }
+            }
+            self.seek(end)?;
+        }
+        Ok(())
+    }
+
+    /// The position `n` bytes on, if the file goes so far.
+    fn room(&self, n: u64) -> Checked<u64> {
+        let end = self.at.checked_add(n).filter(|&e| e <= self.length);
+        end.ok_or_else(|| format!("it is cut or damaged: {n} bytes are wanted at byte {} of {}", self.at, self.length))
+    }
+
+    fn seek(&mut self, to: u64) -> Checked<()> {
+        let by = to as i64 - self.at as i64;
+        self.r.seek_relative(by).map_err(|e| e.to_string())?;
+        self.at = to;
+        Ok(())
+    }
+
+    fn bytes<const N: usize>(&mut self) -> Checked<[u8; N]> {
+        let end = self.room(N as u64)?;
+        let mut b = [0; N];
+        self.r.read_exact(&mut b).map_err(|e| e.to_string())?;
+        self.at = end;
+        Ok(b)
+    }
+
+    fn u32(&mut self) -> Checked<u32> {
+        self.bytes().map(u32::from_le_bytes)
+    }
+
+    fn i64(&mut self) -> Checked<i64> {
+        self.bytes().map(i64::from_le_bytes)
+    }
+
+    fn string(&mut self) -> Checked<String> {
+        let n = u64::from(self.u32()?);
+        let end = self.room(n)?;
+        let mut s = String::new();
+        // Only the head is of interest, for messages and types.
+        let mut b = vec![0; n.min(256) as usize];
+        self.r.read_exact(&mut b).map_err(|e| e.to_string())?;
+        s.push_str(&String::from_utf8_lossy(&b));
+        self.r.seek_relative((n - b.len() as u64) as i64).map_err(|e| e.to_string())?;
+        self.at = end;
+        Ok(s)
+    }
+}
