@@ -123,6 +123,11 @@ impl Bricks {
         &self.nodes[start..start + UNITS * WINDOW * channels]
     }
 
+    #[cfg(test)]
+    pub(super) fn nodes_for_test(&self) -> &[f32] {
+        &self.nodes
+    }
+
     /// Equal codes without own nodes have equal values.
     #[inline(always)]
     pub(super) fn code(&self, brick: usize) -> u32 {

@@ -89,7 +89,11 @@ fn invert_quartic(cubic: [f64; 4], target: f64) -> f64 {
         if miss.abs() <= 2.0 * f64::EPSILON * target.abs() {
             break;
         }
-        if miss < 0.0 { lo = s } else { hi = s }
+        if miss < 0.0 {
+            lo = s
+        } else {
+            hi = s
+        }
         let newton = s - miss / bezier(cubic, s);
         let next = if lo < newton && newton < hi { newton } else { 0.5 * (lo + hi) };
         if (next - s).abs() <= f64::EPSILON * s {

@@ -199,7 +199,8 @@ impl Grid {
         let mut out: Vec<f32> = self.background()[..channels].repeat(self.node_count());
         for id in 0..self.node_count() {
             let node = self.node_position(NodeId(id as u32));
-            let q: [usize; 3] = std::array::from_fn(|a| (i64::from(node[a]) - i64::from(self.frame.origin[a])) as usize);
+            let q: [usize; 3] =
+                std::array::from_fn(|a| (i64::from(node[a]) - i64::from(self.frame.origin[a])) as usize);
             if self.node_at(node).is_none() {
                 continue;
             }

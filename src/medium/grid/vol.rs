@@ -126,3 +126,58 @@ impl Vol {
         Grid::from_dense(self.channels, self.res, &self.values, world_from_unit, filter)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample() -> Vol {
+        let values = (0..2 * 3 * 4 * 3).map(|i| i as f32).collect();
+        Vol { res: [2, 3, 4], channels: 3, bbox: [[-1.0, 0.0, 2.0], [1.0, 4.0, 3.0]], values }
+    }
+
+    #[test]
+    fn a_written_file_reads_back() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("smoke.vol");
+        sample().write(&path).unwrap();
+        let read = Vol::read(&path).unwrap();
+        assert_eq!(read, sample());
+        assert_eq!(read.bbox_from_unit().transform_point3(DVec3::ONE), DVec3::new(1.0, 4.0, 3.0));
+        let grid = read.grid(DAffine3::IDENTITY, Filter::Trilinear).unwrap();
+        let centre = DVec3::new(0.75, 0.5, 0.125);
+        assert_eq!(grid.lookup3(centre), [9.0, 10.0, 11.0]);
+    }
+
+    #[test]
+    fn broken_files_are_refused() {
+        let good = sample().to_bytes().unwrap();
+        let broken = |at: usize, bytes: &[u8]| {
+            let mut b = good.clone();
+            b[at..at + bytes.len()].copy_from_slice(bytes);
+            Vol::parse(&b).unwrap_err()
+        };
+        assert!(broken(0, b"vol").contains("begin"));
+        assert!(broken(3, &[4]).contains("version 4"));
+        assert!(broken(4, &[2]).contains("encoding 2"));
+        assert!(broken(8, &(-2i32).to_le_bytes()).contains("-2"));
+        assert!(broken(20, &[2]).contains("2 channels"));
+        let huge: Vec<u8> = (0..3).flat_map(|_| i32::MAX.to_le_bytes()).collect();
+        assert!(broken(8, &huge).contains("cut"));
+        for n in 0..good.len() {
+            assert!(Vol::parse(&good[..n]).is_err());
+        }
+        assert!(Vol::parse(&[&good[..], &[0]].concat()).unwrap_err().contains("too long"));
+        assert!(Vol::read(Path::new("/nonexistent.vol")).is_err());
+        assert!(Vol { res: [1, 1, 1], ..sample() }.to_bytes().is_err());
+    }
+
+    #[test]
+    fn bad_voxels_are_counted() {
+        let mut vol = sample();
+        (vol.values[3 * 3 + 2], vol.values[20]) = (f32::INFINITY, -1.0);
+        let bad = vol.validate(true).unwrap_err();
+        assert_eq!(bad, BadVoxel { index: [1, 1, 0], channel: 2, value: f32::INFINITY, count: 2 });
+        assert_eq!(vol.validate(false).unwrap_err().count, 1);
+    }
+}
