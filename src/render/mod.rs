@@ -1,0 +1,11 @@
+//! Numbers to files: the film and its health, EXR, previews, plots and the report.
+
+pub mod exr;
+pub mod film;
+mod font;
+pub mod health;
+pub mod image_io;
+pub mod output;
+pub mod plot;
+pub mod png;
+pub mod report;
