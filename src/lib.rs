@@ -7,6 +7,7 @@ pub mod medium;
 pub mod native;
 pub mod params;
 pub mod phase;
+pub mod render;
 pub mod scene;
 pub mod sensor;
 pub mod shape;

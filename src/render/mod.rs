@@ -1,7 +1,9 @@
 //! Numbers to files: the film and its health, EXR, previews, plots and the report.
 
+pub mod driver;
 pub mod exr;
 pub mod film;
+pub mod filter;
 mod font;
 pub mod health;
 pub mod image_io;

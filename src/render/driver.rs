@@ -1,0 +1,313 @@
+//! The driver: pixels x samples -> film layers or a gradient. Work is cut into fixed batches (for the variance) and tiles (for
+//! threads); random numbers depend on neither, sums on no order.
+
+use super::film::{Film, FilmSpec, batch_ranges};
+use super::filter;
+use super::health::{Health, Mishap};
+use crate::error::Result;
+use crate::math::Rgb;
+use crate::math::rng::{Purpose, Rng};
+use crate::params::{Forward, ParamSet, Reverse};
+use crate::scene::Scene;
+use crate::transport::{self, PathRecord, State, Sweep, SweepFacts, Tally};
+use rayon::prelude::*;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Pixels of one work item.
+const TILE: usize = 64;
+/// Paths of the pilot that sets the film's quanta.
+const PILOT: u64 = 512;
+
+/// What is computed besides the picture.
+pub enum Mode<'a> {
+    Picture,
+    /// One image a parameter.
+    Forward(&'a ParamSet),
+    /// Gradient of `sum over pixels of <adjoint, I>`; `adjoint` is row-major over the crop.
+    Reverse(&'a ParamSet, &'a [Rgb]),
+}
+
+impl Mode<'_> {
+    fn params(&self) -> Option<&ParamSet> {
+        match self {
+            Mode::Picture => None,
+            Mode::Forward(p) | Mode::Reverse(p, _) => Some(p),
+        }
+    }
+}
+
+pub struct Job<'a> {
+    pub scene: &'a Scene,
+    pub sensor: usize,
+    /// x0, y0, x1, y1.
+    pub crop: [usize; 4],
+    pub spp: u64,
+    pub seed: u64,
+    pub mode: Mode<'a>,
+    /// Stop after the batch in which this time is over.
+    pub max_time: Option<Duration>,
+    /// Stop after the batch in which the relative error of the picture's mean pixel falls below this.
+    pub target_error: Option<f64>,
+    /// Raised from outside (a signal): stop after the current batch.
+    pub stop: Option<&'a AtomicBool>,
+}
+
+/// How far a run is, for progress displays; called between tiles.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress {
+    pub done: f64,
+    pub elapsed: Duration,
+    pub samples: u64,
+    /// Relative standard error of the picture so far (root mean square over the mean); NaN before two batches.
+    pub error: f64,
+}
+
+pub struct Outcome {
+    pub film: Film,
+    /// Reverse mode: one number a slot, and the standard error from the batches.
+    pub gradient: Option<(Vec<f64>, Vec<f64>)>,
+    pub seconds: f64,
+    /// Samples a pixel actually taken.
+    pub spp: u64,
+    pub target_reached: Option<bool>,
+    pub complete: bool,
+    pub light_on_ray: Option<[usize; 2]>,
+}
+
+impl Job<'_> {
+    pub fn width(&self) -> usize {
+        self.crop[2] - self.crop[0]
+    }
+
+    pub fn height(&self) -> usize {
+        self.crop[3] - self.crop[1]
+    }
+
+    fn layers(&self) -> Vec<String> {
+        let mut v = vec!["".to_string()];
+        if let Mode::Forward(p) = &self.mode {
+            v.extend(p.names.iter().map(|n| format!("d_{n}")));
+        }
+        v
+    }
+
+    /// The state a sample of a pixel starts from. The key holds the pixel of the whole film, so a crop has the same bits.
+    fn state(&self, purpose: Purpose, x: usize, y: usize, sample: u64) -> State {
+        let sensor = &self.scene.sensors[self.sensor];
+        let pixel = self.pixel_key(x, y);
+        let mut rng = Rng::keyed(self.seed, purpose as u64, pixel, sample);
+        let f = self.scene.films[self.sensor].part.filter;
+        let (dx, dy) = (filter::sample(f, &mut rng), filter::sample(f, &mut rng));
+        let (o, w) = sensor.ray(x as f64 + 0.5 + dx, y as f64 + 0.5 + dy);
+        State::new(rng, o, w, sensor.medium)
+    }
+
+    fn pixel_key(&self, x: usize, y: usize) -> u64 {
+        (y * self.scene.sensors[self.sensor].width + x) as u64 | (self.sensor as u64) << 48
+    }
+
+    /// Typical magnitudes of the layers from a keyed pilot: independent of threads, shards and modes.
+    fn quanta(&self, sweep: Option<&Sweep>) -> Vec<i32> {
+        let k = self.layers().len();
+        let mut sums = vec![0.0; k];
+        let n = PILOT.min((self.width() * self.height()) as u64 * 8);
+        let mut rec = PathRecord::new();
+        let mut rng = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX, 0);
+        for i in 0..n {
+            let x = self.crop[0] + (rng.uniform() * self.width() as f64) as usize;
+            let y = self.crop[1] + (rng.uniform() * self.height() as f64) as usize;
+            let state = self.state(Purpose::Pilot, x, y, i);
+            let mut tally = Tally::default();
+            let value = match (sweep, &self.mode) {
+                (Some(sweep), Mode::Forward(p)) => {
+                    let mut sink = Forward::new(p);
+                    let d = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX - 1, i);
+                    let v = sweep.sample(state, d, &mut rec, &mut sink, &mut tally);
+                    for (s, d) in sums[1..].iter_mut().zip(&sink.image) {
+                        *s += finite(d.abs().max());
+                    }
+                    v
+                }
+                _ => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
+            };
+            sums[0] += finite(value.abs().max());
+        }
+        sums.iter().map(|s| FilmSpec::quantum_for(s / n as f64)).collect()
+    }
+
+    /// Render. `progress` is called from worker threads, at most a few times a second worth of tiles.
+    pub fn run(&self, progress: &(dyn Fn(Progress) + Sync)) -> Result<Outcome> {
+        let start = Instant::now();
+        let sweep = self.mode.params().filter(|p| !p.is_empty()).map(|params| Sweep {
+            scene: self.scene,
+            set: &self.scene.settings,
+            params,
+            facts: Arc::new(SweepFacts::new(self.scene, params)),
+        });
+        let spec = FilmSpec {
+            width: self.width(),
+            height: self.height(),
+            layers: self.layers(),
+            quantum: self.quanta(sweep.as_ref()),
+        };
+        let mut film = Film::new(spec);
+        let pixels = self.width() * self.height();
+        let tiles = pixels.div_ceil(TILE);
+        let batches = batch_ranges(self.spp);
+        let slots = self.scene.slots.values.len();
+        let mut gradients: Vec<(Vec<f64>, u64)> = Vec::new();
+        let (mut taken, mut error) = (0, f64::NAN);
+        let mut target_reached = self.target_error.map(|_| false);
+        let light_on_ray = std::sync::Mutex::new(None);
+        for (index, &(first, n)) in batches.iter().enumerate() {
+            let done = std::sync::atomic::AtomicUsize::new(0);
+            let per_tile: Vec<Option<Vec<f64>>> = (0..tiles)
+                .into_par_iter()
+                .map(|tile| {
+                    let range = tile * TILE..((tile + 1) * TILE).min(pixels);
+                    let g = self.tile(range, first..first + n, sweep.as_ref(), &film, &light_on_ray);
+                    let k = done.fetch_add(1, Ordering::Relaxed) + 1;
+                    progress(Progress {
+                        done: (index as f64 + k as f64 / tiles as f64) / batches.len() as f64,
+                        elapsed: start.elapsed(),
+                        samples: taken * pixels as u64 + n * (k * pixels / tiles) as u64,
+                        error,
+                    });
+                    g
+                })
+                .collect();
+            film.end_batch(index as u64, n)?;
+            taken += n;
+            // Tiles are summed in their order: the same bits for any number of threads.
+            let mut gradient = vec![0.0; slots];
+            for g in per_tile.into_iter().flatten() {
+                gradient.iter_mut().zip(&g).for_each(|(a, b)| *a += b);
+            }
+            gradients.push((gradient, n));
+            error = relative_error(&film);
+            if self.target_error.is_some_and(|t| index >= 7 && error <= t) {
+                target_reached = Some(true);
+                break;
+            }
+            let late = self.max_time.is_some_and(|t| start.elapsed() >= t);
+            if late || self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
+                break;
+            }
+        }
+        let gradient = matches!(self.mode, Mode::Reverse(..)).then(|| combine(&gradients, slots));
+        let light_on_ray = light_on_ray.into_inner().unwrap_or(None);
+        Ok(Outcome {
+            film,
+            gradient,
+            seconds: start.elapsed().as_secs_f64(),
+            complete: taken == self.spp,
+            spp: taken,
+            target_reached,
+            light_on_ray,
+        })
+    }
+
+    /// The samples of one batch in some pixels.
+    fn tile(
+        &self,
+        pixels: std::ops::Range<usize>,
+        samples: std::ops::Range<u64>,
+        sweep: Option<&Sweep>,
+        film: &Film,
+        light_on_ray: &std::sync::Mutex<Option<[usize; 2]>>,
+    ) -> Option<Vec<f64>> {
+        let slots = self.scene.slots.values.len();
+        let mut reverse = matches!(self.mode, Mode::Reverse(..)).then(|| Reverse::new(slots));
+        let mut rec = sweep.map(|_| PathRecord::new());
+        let k = film.spec().layers.len() - 1;
+        let mut images = vec![Rgb::ZERO; k];
+        let mut tally = Tally::default();
+        for pixel in pixels {
+            let (x, y) = (self.crop[0] + pixel % self.width(), self.crop[1] + pixel / self.width());
+            let mut sum = Rgb::ZERO;
+            let mut derivative = vec![Rgb::ZERO; k];
+            if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut reverse, &self.mode) {
+                r.adjoint = adjoint[pixel];
+            }
+            for s in samples.clone() {
+                let state = self.state(Purpose::Path, x, y, s);
+                let on_ray = tally.light_on_ray;
+                let value = match (sweep, &mut rec, &self.mode) {
+                    (Some(sweep), Some(rec), mode) => {
+                        let key = self.pixel_key(x, y);
+                        let d = Rng::keyed(self.seed, Purpose::Derivative as u64, key, s);
+                        match (mode, &mut reverse) {
+                            (Mode::Forward(p), _) => {
+                                let mut sink = Forward::new(p);
+                                let v = sweep.sample(state, d, rec, &mut sink, &mut tally);
+                                sink.take(&mut images);
+                                v
+                            }
+                            (_, Some(r)) => sweep.sample(state, d, rec, r, &mut tally),
+                            _ => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
+                        }
+                    }
+                    _ => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
+                };
+                if tally.light_on_ray > on_ray {
+                    if let Ok(mut first) = light_on_ray.lock() {
+                        *first = Some(first.map_or([x, y], |f: [usize; 2]| if (f[1], f[0]) <= (y, x) { f } else { [x, y] }));
+                    }
+                }
+                // A sample that is not a number is left out whole and counted, never set to 0 in silence.
+                if !value.is_finite() || images.iter().any(|d| !d.is_finite()) {
+                    film.health.count(Mishap::RejectedNonfinite);
+                    continue;
+                }
+                sum += value;
+                derivative.iter_mut().zip(&images).for_each(|(a, b)| *a += *b);
+            }
+            film.add(pixel, 0, sum);
+            for (j, d) in derivative.iter().enumerate() {
+                film.add(pixel, j + 1, *d);
+            }
+        }
+        count(&film.health, &tally);
+        reverse.map(|r| r.gradient)
+    }
+}
+
+fn finite(x: f64) -> f64 {
+    if x.is_finite() { x } else { 0.0 }
+}
+
+fn count(health: &Health, t: &Tally) {
+    health.add(Mishap::TruncatedEnergy, t.capped);
+    health.add(Mishap::MissedBoundaries, t.missed_boundary);
+    health.add(Mishap::LightOnRay, t.light_on_ray);
+}
+
+/// Root mean square of the standard errors over the mean of the picture.
+fn relative_error(film: &Film) -> f64 {
+    let n = film.spec().pixels();
+    let (mut variance, mut mean) = (0.0, 0.0);
+    for p in 0..n {
+        match film.variance_of_mean(0, p) {
+            Some(v) => variance += v.mean(),
+            None => return f64::NAN,
+        }
+        mean += film.mean(0, p).mean().abs();
+    }
+    (variance / n as f64).sqrt() / (mean / n as f64)
+}
+
+/// Mean over batches (per sample) and its standard error.
+fn combine(batches: &[(Vec<f64>, u64)], slots: usize) -> (Vec<f64>, Vec<f64>) {
+    let samples: u64 = batches.iter().map(|b| b.1).sum();
+    let mean: Vec<f64> = (0..slots).map(|s| batches.iter().map(|b| b.0[s]).sum::<f64>() / samples as f64).collect();
+    let error = (0..slots)
+        .map(|s| {
+            let b = batches.len() as f64;
+            let squares: f64 = batches.iter().map(|(g, n)| (g[s] / *n as f64 - mean[s]).powi(2) * *n as f64).sum();
+            (squares / (b - 1.0) / samples as f64).sqrt()
+        })
+        .collect();
+    (mean, error)
+}
