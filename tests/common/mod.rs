@@ -1,0 +1,84 @@
+//! What every statistical test shares: render a scene text, compare with a truth in standard errors.
+//!
+//! |z| <= 4.5 has a false-alarm rate of 7e-6 a comparison; seeds are fixed, so a test that passes keeps passing.
+
+#![allow(dead_code)]
+
+use std::path::Path;
+use tyndall::math::Rgb;
+use tyndall::params::ParamSet;
+use tyndall::render::driver::{Job, Mode, Outcome};
+use tyndall::scene::SceneDesc;
+use tyndall::scene::Scene;
+use tyndall::scene::compile::LoadOptions;
+
+/// A scene from text, relative to the project's folder.
+pub fn scene(text: &str) -> (SceneDesc, Scene) {
+    scene_with(text, &[])
+}
+
+pub fn scene_with(text: &str, overrides: &[(&str, &str)]) -> (SceneDesc, Scene) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("test-scene.xml");
+    let o: Vec<(String, String)> = overrides.iter().map(|(a, b)| (a.to_string(), b.to_string())).collect();
+    let desc = SceneDesc::parse(text, &path, &o).unwrap_or_else(|e| panic!("{e}"));
+    let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+    (desc, scene)
+}
+
+/// Mean over the image of one layer: value and standard error, per channel.
+#[derive(Clone, Copy, Debug)]
+pub struct Estimate {
+    pub value: Rgb,
+    pub error: Rgb,
+}
+
+impl Estimate {
+    pub fn z(&self, channel: usize, truth: f64) -> f64 {
+        let d = self.value[channel] - truth;
+        if d == 0.0 { 0.0 } else { d / self.error[channel] }
+    }
+}
+
+pub fn estimate(o: &Outcome, layer: usize) -> Estimate {
+    let n = o.film.spec().pixels();
+    let (mut value, mut variance) = (Rgb::ZERO, Rgb::ZERO);
+    for p in 0..n {
+        value += o.film.mean(layer, p);
+        variance += o.film.variance_of_mean(layer, p).unwrap_or(Rgb::splat(f64::NAN));
+    }
+    let n = n as f64;
+    Estimate { value: value / n, error: variance.map(|v| v.sqrt() / n) }
+}
+
+pub fn job<'a>(scene: &'a Scene, spp: u64, seed: u64, mode: Mode<'a>) -> Job<'a> {
+    let crop = scene.films[0].part.crop;
+    Job { scene, sensor: 0, crop, spp, seed, mode, max_time: None, target_error: None, stop: None }
+}
+
+pub fn run(scene: &Scene, spp: u64, seed: u64, mode: Mode) -> Outcome {
+    job(scene, spp, seed, mode).run(&|_| {}).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Value and derivatives of a scene's mean pixel.
+pub fn forward(text: &str, wrt: &[&str], spp: u64) -> Vec<Estimate> {
+    let (desc, scene) = scene(text);
+    let names: Vec<String> = wrt.iter().map(|s| s.to_string()).collect();
+    let params = scene.param_set(&desc, &names).unwrap_or_else(|e| panic!("{e}"));
+    let o = run(&scene, spp, 1, Mode::Forward(&params));
+    assert_eq!(o.film.health.biasing(), 0, "health");
+    (0..=wrt.len()).map(|l| estimate(&o, l)).collect()
+}
+
+pub fn params(desc: &SceneDesc, scene: &Scene, wrt: &[&str]) -> ParamSet {
+    let names: Vec<String> = wrt.iter().map(|s| s.to_string()).collect();
+    scene.param_set(desc, &names).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// |z| <= 4.5 and a standard error of at most `precision` of the truth.
+pub fn check(name: &str, e: &Estimate, truth: f64, precision: f64) {
+    let z = e.z(0, truth);
+    println!("{name}: {} +- {} truth {truth} z {z:.2}", e.value[0], e.error[0]);
+    assert!(z.abs() <= 4.5, "{name}: {} +- {}, truth {truth}, z {z}", e.value[0], e.error[0]);
+    let relative = e.error[0] / truth.abs().max(1e-300);
+    assert!(truth == 0.0 || relative <= precision, "{name}: standard error {relative} of the value, asked {precision}");
+}
