@@ -2,41 +2,75 @@
 
 mod common;
 use common::{check, forward};
+use std::f64::consts::PI;
 
-/// AL0: airlight from a point light, single scattering. Camera at 0 looking along +z, black wall at z = 6.
-fn al0() -> String {
-    r#"<scene version="3.0.0">
+/// AL0/AL1: airlight from a point light, single scattering. Camera at 0 looking along +z, black wall at z = 6;
+/// in AL1 the half-plane y = 0.8, z >= 3 (a rectangle far larger than the scene) casts a shadow.
+fn airlight(occluded: bool) -> String {
+    let occluder = r#"<shape type="rectangle"><transform name="to_world"><scale value="1000"/><rotate x="1" angle="90"/>
+        <translate x="0" y="0.8" z="1003"/></transform><bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></bsdf></shape>"#;
+    format!(
+        r#"<scene version="3.0.0">
     <default name="sigma_t" value="0.35"/><default name="albedo" value="0.7142857142857143"/>
-    <default name="g" value="0.4"/><default name="intensity" value="10"/>
+    <default name="g" value="0.4"/><default name="intensity" value="10"/><default name="scale" value="1"/>
     <integrator type="volpath"><integer name="max_depth" value="2"/></integrator>
     <medium type="homogeneous" id="fog"><float name="sigma_t" value="$sigma_t"/><float name="albedo" value="$albedo"/>
-      <phase type="hg"><float name="g" value="$g"/></phase></medium>
+      <float name="scale" value="$scale"/><phase type="hg"><float name="g" value="$g"/></phase></medium>
     <sensor type="orthographic"><transform name="to_world"><scale x="1e-9" y="1e-9"/></transform>
       <ref id="fog"/>
       <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor>
-    <shape type="rectangle"><transform name="to_world"><scale value="100"/><rotate y="1" angle="180"/><translate z="6"/></transform>
+    <shape type="rectangle"><transform name="to_world"><scale value="3000"/><rotate y="1" angle="180"/><translate z="6"/></transform>
       <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>
     <emitter type="point"><point name="position" value="1.2, 1.5, 2.5"/><rgb name="intensity" value="$intensity"/><ref id="fog"/></emitter>
-    </scene>"#
-        .into()
+    {}</scene>"#,
+        if occluded { occluder } else { "" }
+    )
+}
+
+/// The single-scattering integral over the camera ray and its derivatives with respect to sigma_t (sigma_s fixed) and g, by
+/// the midpoint rule; `end` where the light is shadowed from.
+fn airlight_quadrature(end: f64) -> [f64; 3] {
+    let (sigma_t, sigma_s, g, n) = (0.35, 0.25, 0.4, 400_000);
+    let mut sum = [0.0; 3];
+    for i in 0..n {
+        let t = end * (i as f64 + 0.5) / n as f64;
+        let (r2, z) = (1.2 * 1.2 + 1.5 * 1.5 + (2.5 - t) * (2.5 - t), 2.5 - t);
+        let r = f64::sqrt(r2);
+        let (s2, mu) = (1.0 + g * g - 2.0 * g * z / r, z / r);
+        let p = (1.0 - g * g) / (4.0 * PI * s2 * s2.sqrt());
+        let f = sigma_s * (-sigma_t * (t + r)).exp() * p * 10.0 / r2 * end / n as f64;
+        sum[0] += f;
+        sum[1] -= f * (t + r);
+        sum[2] += f * (-2.0 * g / (1.0 - g * g) + 3.0 * (mu - g) / s2);
+    }
+    sum
+}
+
+/// `[L, dL/dsigma_t at fixed sigma_s, dL/dg]` -> what the parameters of the scene see.
+fn airlight_rows(scene: &str, [l, ds, dg]: [f64; 3]) {
+    let r = forward(scene, &["sigma_t", "albedo", "g", "intensity", "scale"], 1 << 18);
+    let (sigma, albedo) = (0.35, 0.25 / 0.35);
+    check("L", &r[0], l, 0.005);
+    // At fixed albedo the source grows with sigma_t.
+    check("dL/dsigma_t", &r[1], ds + l / sigma, 0.005);
+    check("dL/dalbedo", &r[2], l / albedo, 0.005);
+    check("dL/dg", &r[3], dg, 0.005);
+    check("dL/dI", &r[4], l / 10.0, 0.005);
+    check("dL/dscale", &r[5], sigma * (ds + l / sigma), 0.005);
 }
 
 #[test]
 fn al0_airlight() {
-    let r = forward(&al0(), &["sigma_t", "albedo", "g", "intensity"], 1 << 18);
-    let l = 0.0407428845194;
-    check("L", &r[0], l, 0.005);
-    // d/dsigma_t at fixed sigma_s, from the derivatives at fixed albedo and with respect to albedo.
-    let (s, a) = (0.35, 0.25 / 0.35);
-    let fixed_s = r[1].value[0] - r[2].value[0] * a / s;
-    println!("dsigma_t|albedo {} dalbedo {} fixed sigma_s {}", r[1].value[0], r[2].value[0], fixed_s);
-    check("dL/dalbedo", &r[2], l / a, 0.005);
-    check("dL/dsigma_t", &r[1], -0.14551477082 * 0.0 + (l / s - 0.0) * 0.0 + dsigma_at_fixed_albedo(), 0.005);
-    check("dL/dg", &r[3], -0.018533227975, 0.005);
-    check("dL/dI", &r[4], l / 10.0, 0.005);
+    let q = airlight_quadrature(6.0);
+    assert!((q[0] - 0.0407428845194).abs() < 1e-11, "the quadrature itself");
+    airlight_rows(&airlight(false), q);
 }
 
-/// dL/dsigma_t at fixed sigma_s plus L/sigma_t (the source is proportional to sigma_s = albedo sigma_t).
-fn dsigma_at_fixed_albedo() -> f64 {
-    0.0407428845194 / 0.35 - 0.14551477082
+#[test]
+fn al1_airlight_in_a_shadow_light_fixed() {
+    // The root of [T] AL1 cuts the lit part at 25/7; the table's rows agree with the quadrature.
+    let q = airlight_quadrature(25.0 / 7.0);
+    assert!((q[0] - 0.0389226379655).abs() < 1e-11 && (q[1] + 0.14551477082).abs() < 1e-10);
+    assert!((q[2] + 0.018533227975).abs() < 1e-10);
+    airlight_rows(&airlight(true), q);
 }

@@ -88,7 +88,7 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
     let (u, v) = (s.rng.uniform(), s.rng.uniform());
     let Some(a) = w.scene.arrival(light, s.o, u, v) else { return };
     let phase = &w.scene.media[id as usize].phase;
-    let m = one_minus_cos(s.w, -a.w);
+    let m = one_minus_cos(s.w, a.w);
     let f = phase.eval(m);
     let mut share = 1.0;
     if let Some(center) = w.scene.lights[light as usize].center() {
@@ -153,7 +153,7 @@ pub fn equiangular<R: Recorder>(
     if R::ON {
         w.rec.side_span(part);
     }
-    let m = one_minus_cos(span.w, -a.w);
+    let m = one_minus_cos(span.w, a.w);
     let f = medium.phase.eval(m);
     let weight = prefix * transmittance * (f * a.factor / (equi + flight));
     let Some((t, _)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
