@@ -8,6 +8,7 @@ mod font;
 pub mod health;
 pub mod image_io;
 pub mod output;
+pub mod plan;
 pub mod plot;
 pub mod png;
 pub mod report;

@@ -1,0 +1,362 @@
+//! The plan: which terms of the derivative a scene needs for the parameters asked, which are left out and why.
+//! The table of [T] section 3 as code, in two steps: facts of the scene and of what moves, then rules. Renders nothing,
+//! loads no grid.
+
+use crate::error::{Error, Result};
+use crate::math::Dual;
+use crate::scene::SceneDesc;
+use crate::scene::parts::{LightKindPart, Movable, Parts, SurfacePart, VolumePart};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// The terms of [T] section 3 by their letters, in the order of reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Term {
+    /// Material and light values.
+    P,
+    /// Interior motion: attached vertices.
+    M,
+    /// Specular attachment.
+    S,
+    /// Manifold connections.
+    C,
+    /// Pixel edges.
+    E1,
+    /// Silhouettes of in-scattering.
+    E2,
+    /// Silhouettes of surface scattering.
+    E3,
+    /// Face sweep.
+    D,
+    /// Null interfaces.
+    N,
+    /// Shadow roots in media.
+    G,
+    /// Receiver shadow curves.
+    R,
+    /// Hard light profiles.
+    H,
+    /// Virtual edges.
+    VE,
+}
+
+impl Term {
+    pub const ALL: [Term; 13] = [
+        Term::P,
+        Term::M,
+        Term::S,
+        Term::C,
+        Term::E1,
+        Term::E2,
+        Term::E3,
+        Term::D,
+        Term::N,
+        Term::G,
+        Term::R,
+        Term::H,
+        Term::VE,
+    ];
+
+    /// Its letters in [T].
+    pub fn letters(self) -> String {
+        format!("{self:?}")
+    }
+
+    /// The name that commands, layers and reports use: `interior`, or the room.
+    pub fn room(self) -> &'static str {
+        match self {
+            Term::P | Term::M | Term::S | Term::C => "interior",
+            Term::E1 => "pixel_edge",
+            Term::E2 => "medium_edge",
+            Term::E3 => "surface_edge",
+            Term::D => "face_sweep",
+            Term::N => "null_interface",
+            Term::G | Term::R => "light_shadow",
+            Term::H => "hard_profile",
+            Term::VE => "virtual_edge",
+        }
+    }
+
+    fn what(self) -> &'static str {
+        match self {
+            Term::P => "material and light values",
+            Term::M => "interior motion",
+            Term::S => "specular attachment",
+            Term::C => "connections through interfaces",
+            Term::E1 => "pixel edges",
+            Term::E2 => "silhouettes seen from a medium",
+            Term::E3 => "silhouettes seen from surfaces",
+            Term::D => "medium swept by a moving face",
+            Term::N => "moving medium borders",
+            Term::G => "volumetric shadow of a zero-measure light",
+            Term::R => "shadow of a zero-measure light on a receiver",
+            Term::H => "hard light profile",
+            Term::VE => "edges seen through specular chains",
+        }
+    }
+
+    /// Whether this program computes it.
+    pub fn exists(self) -> bool {
+        self == Term::P
+    }
+}
+
+/// What the scene is, as far as the table asks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Facts {
+    pub medium: bool,
+    /// Anything opaque or refracting.
+    pub surfaces: bool,
+    /// Surfaces that reflect light on.
+    pub reflecting: bool,
+    /// Opaque things that can stand between a light and what it lights (a lamp's own shape alone does not).
+    pub occluders: bool,
+    /// Point, spot, directional or collimated light.
+    pub zero_measure_light: bool,
+    /// Of those, one with a position.
+    pub local_light: bool,
+    pub hard_profile: bool,
+    pub area_light: bool,
+    /// The density of some medium jumps at a visible border (its box, its shape).
+    pub border_jump: bool,
+    pub dielectric: bool,
+    /// A dielectric with flat facets.
+    pub polygonal_dielectric: bool,
+    /// Something with an outline or border (occluder, lamp, medium border) can be seen or cast through an interface.
+    pub beyond_interface: bool,
+    /// A zero-measure light whose light has to cross an interface.
+    pub light_across_interface: bool,
+}
+
+/// What moves or changes for the parameters asked.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Motion {
+    /// Material values, light values.
+    pub values: bool,
+    /// An environment map turns.
+    pub environment: bool,
+    /// A volume moves by its transform.
+    pub volume: bool,
+    /// The border at which its density jumps moves with it.
+    pub border: bool,
+    /// Point, spot, directional or collimated light.
+    pub zero_measure_light: bool,
+    /// Of those, one with a position moves its position.
+    pub local_light: bool,
+    /// Angles of a spot, radius of a beam.
+    pub profile: bool,
+    pub area_light: bool,
+    pub opaque: bool,
+    pub camera: bool,
+    pub ior: bool,
+    pub interface: bool,
+}
+
+/// The table of [T] section 3: every term that the motion needs in such a scene, with its reason.
+pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
+    use Term::*;
+    let mut need = BTreeMap::new();
+    let mut add = |when: bool, terms: &[Term], why: &'static str| {
+        if when {
+            for &t in terms {
+                need.entry(t).or_insert(why);
+            }
+        }
+    };
+    add(m.values, &[P], "material or light values change");
+    add(m.environment, &[P], "an environment map turns");
+    add(m.volume, &[P], "a volume moves: its values change at fixed points");
+    add(m.border, &[P, N], "a border at which the density jumps moves");
+
+    add(m.area_light, &[M], "an area light moves");
+    let lit = m.area_light && f.occluders;
+    add(lit && f.medium, &[E2], "an area light moves, its light is cut by silhouettes");
+    add(lit && f.surfaces, &[E3], "an area light moves, its light is cut by silhouettes");
+    add(lit, &[E1], "an area light moves, its outline is seen");
+
+    add(m.zero_measure_light, &[M], "a zero-measure light moves");
+    add((m.zero_measure_light || m.profile) && f.hard_profile, &[H], "its profile has a hard edge");
+    add(m.profile && !f.hard_profile, &[P], "a smooth light profile changes");
+    let shadow = m.zero_measure_light && f.occluders;
+    add(shadow && f.medium, &[G], "a light moves, occluders cast shadows in a medium");
+    add(shadow && f.reflecting, &[R], "a light moves, occluders cast shadows on surfaces");
+    let warp = shadow && m.local_light && f.medium;
+    add(warp, &[E2], "a light with a position moves: vertices beside it move past static silhouettes");
+
+    let both = f.zero_measure_light && m.opaque;
+    add(m.opaque, &[M, E1], "something opaque moves");
+    add(m.opaque && f.medium, &[E2], "something opaque moves in a medium");
+    add(m.opaque && (!f.medium || f.reflecting), &[E3], "something opaque moves, surfaces scatter");
+    add(both && f.medium, &[G], "an occluder of a zero-measure light moves in a medium");
+    add(both && (!f.medium || f.reflecting), &[R], "an occluder of a zero-measure light moves");
+
+    add(m.camera, &[M], "the camera moves");
+    let seen = m.camera && f.surfaces;
+    add(seen, &[E1], "the camera moves past surfaces");
+    add(seen && f.medium, &[E2, D, N], "vertices ride on camera rays and end at static surfaces and borders");
+    add(seen && f.reflecting, &[E3], "hits ride on camera rays");
+    add(seen && f.zero_measure_light && f.medium, &[G], "vertices ride on camera rays through shadows");
+    add(seen && f.zero_measure_light && f.reflecting, &[R], "hits ride on camera rays through shadows");
+
+    add(m.ior, &[S], "the refractive index changes");
+    add(m.ior && f.medium, &[D], "path segments inside end at the interface");
+    add(m.interface, &[S], "an interface moves");
+    add(m.interface && f.medium, &[D], "path segments inside end at the interface");
+    let specular = m.ior || m.interface;
+    add(specular && f.light_across_interface, &[C], "a zero-measure light shines through an interface");
+    add(specular && f.hard_profile, &[H], "the beam has a hard edge");
+    add(m.ior && f.beyond_interface, &[E1, VE], "outlines are seen through the interface");
+    add(m.ior && f.beyond_interface && f.medium, &[E2], "refracted vertices see static edges");
+    add(m.ior && f.beyond_interface && f.reflecting, &[E3], "refracted hits see static edges");
+    add(m.ior && f.beyond_interface && f.border_jump, &[N], "refracted segments end at static borders");
+    let across = specular && f.beyond_interface && f.light_across_interface && f.occluders;
+    add(across && f.medium, &[G], "a point light casts shadows across an interface");
+    add(across && f.reflecting, &[R], "a point light casts shadows across an interface");
+    let facets = specular && f.polygonal_dielectric;
+    add(facets, &[E1], "the refracted direction jumps at facet edges");
+    add(facets && f.medium, &[E2], "the refracted direction jumps at facet edges");
+    add(facets && f.reflecting, &[E3], "the refracted direction jumps at facet edges");
+    add(m.interface && f.beyond_interface, &[VE], "edges are seen through a moving interface");
+    let anything = m.opaque || m.camera || m.zero_measure_light || m.area_light;
+    add(anything && f.dielectric && f.occluders && f.beyond_interface, &[VE], "an occluder is seen through an interface");
+    need
+}
+
+/// One line of a plan.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct PlanLine {
+    /// Name of the room or `interior`.
+    pub term: String,
+    /// Letters in [T] section 3.
+    pub letters: String,
+    /// `use`, `skip` or `missing`.
+    pub decision: String,
+    pub reason: String,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub struct Plan {
+    pub wrt: Vec<String>,
+    pub lines: Vec<PlanLine>,
+    #[serde(skip)]
+    missing: Vec<(String, Term, &'static str)>,
+}
+
+impl Plan {
+    /// Facts, motion and rules for the named parameters.
+    pub fn new(desc: &SceneDesc, wrt: &[String]) -> Result<Plan> {
+        let parts = Parts::read(desc, &desc.values::<f64>())?;
+        desc.finish()?;
+        let facts = facts(&parts);
+        let mut all: BTreeMap<Term, String> = BTreeMap::new();
+        let mut missing = Vec::new();
+        for name in wrt {
+            let dual = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
+            let motion = motion(&parts, &dual);
+            for (term, why) in needed(&facts, &motion) {
+                if !term.exists() || (term == Term::P && !values_exist(&motion)) {
+                    missing.push((name.clone(), term, why));
+                }
+                all.entry(term).or_insert_with(|| format!("{why} ({name})"));
+            }
+        }
+        let lines = Term::ALL
+            .iter()
+            .map(|&t| {
+                let absent = missing.iter().any(|m| m.1 == t);
+                let (decision, reason) = match all.get(&t) {
+                    Some(why) if absent => ("missing", format!("{}: not available yet", why)),
+                    Some(why) => ("use", why.clone()),
+                    None if wrt.is_empty() => ("skip", "no parameter is asked for".into()),
+                    None => ("skip", format!("{}: nothing that enters it changes", t.what())),
+                };
+                PlanLine { term: t.room().into(), letters: t.letters(), decision: decision.into(), reason }
+            })
+            .collect();
+        Ok(Plan { wrt: wrt.to_vec(), lines, missing })
+    }
+
+    /// An error that names the parameter and the term where one is missing: never a biased picture.
+    pub fn refuse(&self) -> Result<()> {
+        let Some((name, term, why)) = self.missing.first() else { return Ok(()) };
+        let rest: Vec<String> = self.missing.iter().map(|m| format!("{} ({})", m.1.room(), m.1.letters())).collect();
+        Err(Error::usage(
+            format!(
+                "d/d{name} needs {} ({}), which is not available yet: {why}",
+                term.room(),
+                term.what()
+            ),
+            format!("without it the picture would be biased; missing: {}. `tyndall plan` shows all terms", rest.join(", ")),
+        ))
+    }
+}
+
+/// P covers what changes values at fixed points; these ways of doing so do not exist yet.
+fn values_exist(m: &Motion) -> bool {
+    !(m.environment || m.volume || m.profile)
+}
+
+/// Facts of a scene from its parts.
+pub fn facts(p: &Parts<f64>) -> Facts {
+    let opaque = |s: usize| !matches!(p.surfaces[s], SurfacePart::Null);
+    let reflects = |s: usize| match &p.surfaces[s] {
+        SurfacePart::Diffuse { reflectance, .. } => reflectance.iter().any(|&x| x > 0.0),
+        SurfacePart::Null => false,
+    };
+    let solid: Vec<_> = p.shapes.iter().filter(|s| opaque(s.surface)).collect();
+    let local = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Point { .. } | LightKindPart::Spot { .. });
+    let distant = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Directional { .. });
+    Facts {
+        medium: !p.media.is_empty(),
+        surfaces: !solid.is_empty(),
+        reflecting: solid.iter().any(|s| reflects(s.surface)),
+        // A single lamp does not shade itself; anything else may.
+        occluders: solid.iter().any(|s| s.light.is_none()) || solid.len() > 1,
+        zero_measure_light: p.lights.iter().any(|l| local(&l.kind) || distant(&l.kind)),
+        local_light: p.lights.iter().any(|l| local(&l.kind)),
+        hard_profile: false,
+        area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
+        border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
+        dielectric: false,
+        polygonal_dielectric: false,
+        beyond_interface: false,
+        light_across_interface: false,
+    }
+}
+
+/// What moves: which tangents of the parts are not zero.
+pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
+    let mut m = Motion { values: d.slots().iter().any(|(_, _, v)| v.iter().any(|x| x.d[0] != 0.0)), ..Motion::default() };
+    for (what, x) in d.movable() {
+        if x.iter().all(|x| x.d[0] == 0.0) {
+            continue;
+        }
+        match what {
+            Movable::Shape(i) => {
+                let s = &p.shapes[i];
+                match (&p.surfaces[s.surface], s.light) {
+                    (SurfacePart::Null, _) => m.border |= s.interior.is_some() || s.exterior.is_some(),
+                    (_, Some(_)) => {
+                        m.area_light = true;
+                        // A lamp is opaque too: alone it hides nothing but itself.
+                        m.opaque |= p.shapes.iter().filter(|s| !matches!(p.surfaces[s.surface], SurfacePart::Null)).count() > 1;
+                    }
+                    _ => m.opaque = true,
+                }
+            }
+            Movable::LightPosition(_) => {
+                m.zero_measure_light = true;
+                m.local_light = true;
+            }
+            Movable::LightDirection(_) => m.zero_measure_light = true,
+            Movable::LightProfile(_) => m.profile = true,
+            Movable::Environment(_) => m.environment = true,
+            Movable::Volume(i) => {
+                m.volume = true;
+                m.border |= matches!(p.media[i].density, VolumePart::Vol { .. });
+            }
+            Movable::Sensor(_) => m.camera = true,
+        }
+    }
+    m
+}
