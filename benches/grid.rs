@@ -32,7 +32,7 @@ fn shell(channels: usize) -> Grid {
 static SCALAR: LazyLock<Grid> = LazyLock::new(|| shell(1));
 static COLOUR: LazyLock<Grid> = LazyLock::new(|| shell(3));
 
-const N: usize = 1 << 14;
+const N: usize = 1 << 17;
 
 fn position(grid: &Grid, rng: &mut Rng) -> DVec3 {
     let u = DVec3::new(rng.uniform(), rng.uniform(), rng.uniform());
@@ -51,7 +51,7 @@ fn rays(grid: &Grid) -> Vec<(DVec3, DVec3)> {
         let (o, p) = (position(grid, &mut rng), position(grid, &mut rng));
         (o, p - o)
     };
-    (0..N / 16).map(|_| ray()).collect()
+    (0..N / 128).map(|_| ray()).collect()
 }
 
 /// Cells that the rays cross in bricks that are not constant.

@@ -28,7 +28,8 @@ impl Cell {
     /// Position in the cell, `smooth` as in [`Grid`].
     #[inline(always)]
     fn at(&self, ray: &Ray, smooth: f64, t: f64) -> [f64; 3] {
-        [0, 1, 2].map(|a| (ray.o[a] - self.corner[a] + t * ray.d[a]) * smooth)
+        let q = |a: usize| (ray.o[a] - self.corner[a] + t * ray.d[a]) * smooth;
+        [q(0), q(1), q(2)]
     }
 
     #[inline(always)]
@@ -41,7 +42,8 @@ impl Cell {
     #[inline(always)]
     fn integral<const C: usize>(&self, ray: &Ray, smooth: f64, nodes: &[f32], c: usize) -> f64 {
         let v = corners::<C>(&nodes[self.local * C..], c);
-        let [p, q] = self.gauss().map(|t| self.at(ray, smooth, t));
+        let [p, q] = self.gauss();
+        let (p, q) = (self.at(ray, smooth, p), self.at(ray, smooth, q));
         let sum = mix(&v, p[0], p[1], p[2]) + mix(&v, q[0], q[1], q[2]);
         0.5 * (self.t1 - self.t0) * sum
     }
@@ -299,7 +301,8 @@ impl Grid {
             self.cells(&ray, brick, span.t0, span.t1, |cell| {
                 let half = 0.5 * (cell.t1 - cell.t0);
                 if half > 0.0 {
-                    let [p, q] = cell.gauss().map(|t| cell.at(&ray, self.smooth, t));
+                    let [p, q] = cell.gauss();
+                    let (p, q) = (cell.at(&ray, self.smooth, p), cell.at(&ray, self.smooth, q));
                     let (p, q) = (weights(p[0], p[1], p[2]), weights(q[0], q[1], q[2]));
                     for (k, id) in ids.cell(cell.local).into_iter().enumerate() {
                         if let Some(id) = id {

@@ -131,7 +131,7 @@ impl Walk {
             return self.end;
         }
         self.t = if leave > self.t { leave } else { self.t };
-        let [_, ny, nz] = frame.dims.map(|n| n as i64);
+        let (ny, nz) = (frame.dims[1] as i64, frame.dims[2] as i64);
         let stride = [ny * nz, nz, 1];
         for a in 0..3 {
             if self.exit[a] == leave {
