@@ -99,12 +99,12 @@ impl BrickIds<'_> {
             }
             BrickIds::Sparse { blocks, range } => {
                 let [x, y, z] = node;
-                let block = blocks[(x / BRICK) << 2 | (y / BRICK) << 1 | z / BRICK];
+                let block = blocks[(x / BRICK * 2 + y / BRICK) * 2 + z / BRICK];
                 let mut inside = true;
                 for a in 0..3 {
                     inside &= range.0[a] <= node[a] as i64 && node[a] as i64 <= range.1[a];
                 }
-                let local = (x % BRICK) << 6 | (y % BRICK) << 3 | z % BRICK;
+                let local = (x % BRICK * BRICK + y % BRICK) * BRICK + z % BRICK;
                 (inside & (block.base != u32::MAX)).then(|| block.base + block.stride * local as u32)
             }
         }
