@@ -32,7 +32,7 @@ fn shell(channels: usize) -> Grid {
 static SCALAR: LazyLock<Grid> = LazyLock::new(|| shell(1));
 static COLOUR: LazyLock<Grid> = LazyLock::new(|| shell(3));
 
-const N: usize = 1 << 14;
+const N: usize = 1 << 17;
 
 fn position(grid: &Grid, rng: &mut Rng) -> DVec3 {
     let u = DVec3::new(rng.uniform(), rng.uniform(), rng.uniform());
@@ -51,7 +51,17 @@ fn rays(grid: &Grid) -> Vec<(DVec3, DVec3)> {
         let (o, p) = (position(grid, &mut rng), position(grid, &mut rng));
         (o, p - o)
     };
-    (0..N / 16).map(|_| ray()).collect()
+    (0..N / 128).map(|_| ray()).collect()
+}
+
+/// A pencil of rays, as from a camera: what the cache holds.
+fn pencil(grid: &Grid) -> Vec<(DVec3, DVec3)> {
+    let ray = |k: usize| {
+        let (o, p) = (DVec3::new(-20.0, 128.0, 128.0), DVec3::new(276.0, 100.0, 60.0));
+        let p = p + 0.3 * DVec3::new(0.0, (k % 32) as f64, (k / 32) as f64);
+        (grid.world_from_index().transform_point3(o), grid.world_from_index().transform_vector3(p - o))
+    };
+    (0..N / 128).map(ray).collect()
 }
 
 /// Cells that the rays cross in bricks that are not constant.
@@ -103,6 +113,15 @@ fn spans(bencher: Bencher) {
 #[divan::bench]
 fn integrate(bencher: Bencher) {
     let rays = rays(&SCALAR);
+    bencher
+        .counter(ItemsCount::new(cells(&SCALAR, &rays)))
+        .bench_local(|| rays.iter().map(|&(o, w)| SCALAR.integrate(o, w, 0.0, 1.0)).sum::<f64>());
+}
+
+/// Items: cells.
+#[divan::bench]
+fn integrate_pencil(bencher: Bencher) {
+    let rays = pencil(&SCALAR);
     bencher
         .counter(ItemsCount::new(cells(&SCALAR, &rays)))
         .bench_local(|| rays.iter().map(|&(o, w)| SCALAR.integrate(o, w, 0.0, 1.0)).sum::<f64>());

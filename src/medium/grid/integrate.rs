@@ -4,7 +4,7 @@
 //! value is carried from cell to cell, so that cells overlap in the processor and the nearest filter needs no other code.
 //! Constant bricks take one product. Integrals are over t: with |w| = 1 they are lengths.
 
-use super::bricks::{BRICK, ROW, SLAB};
+use super::bricks::{BRICK, ROW, SLAB, WINDOW};
 use super::nodes::{NodeId, weights};
 use super::traverse::Ray;
 use super::{Grid, Span, corners, mix};
@@ -28,7 +28,8 @@ impl Cell {
     /// Position in the cell, `smooth` as in [`Grid`].
     #[inline(always)]
     fn at(&self, ray: &Ray, smooth: f64, t: f64) -> [f64; 3] {
-        [0, 1, 2].map(|a| (ray.o[a] - self.corner[a] + t * ray.d[a]) * smooth)
+        let q = |a: usize| (ray.o[a] - self.corner[a] + t * ray.d[a]) * smooth;
+        [q(0), q(1), q(2)]
     }
 
     #[inline(always)]
@@ -41,9 +42,32 @@ impl Cell {
     #[inline(always)]
     fn integral<const C: usize>(&self, ray: &Ray, smooth: f64, nodes: &[f32], c: usize) -> f64 {
         let v = corners::<C>(&nodes[self.local * C..], c);
-        let [p, q] = self.gauss().map(|t| self.at(ray, smooth, t));
+        let [p, q] = self.gauss();
+        let (p, q) = (self.at(ray, smooth, p), self.at(ray, smooth, q));
         let sum = mix(&v, p[0], p[1], p[2]) + mix(&v, q[0], q[1], q[2]);
         0.5 * (self.t1 - self.t0) * sum
+    }
+
+    /// Integrals of the interpolation weights, in the order of the cell's corners.
+    #[inline(always)]
+    fn weight_integrals(&self, ray: &Ray, smooth: f64) -> [f64; 8] {
+        let [p, q] = self.gauss();
+        let (p, q) = (self.at(ray, smooth, p), self.at(ray, smooth, q));
+        let (p, q) = (weights(p[0], p[1], p[2]), weights(q[0], q[1], q[2]));
+        let half = 0.5 * (self.t1 - self.t0);
+        std::array::from_fn(|k| half * (p[k] + q[k]))
+    }
+
+    /// Integrals of all channels: weights are computed once.
+    #[inline(always)]
+    fn integrals<const C: usize>(&self, ray: &Ray, smooth: f64, nodes: &[f32], sum: &mut [f64; C]) {
+        let w = self.weight_integrals(ray, smooth);
+        let nodes = &nodes[self.local * C..][..WINDOW * C];
+        for (k, corner) in [0, 1, ROW, ROW + 1, SLAB, SLAB + 1, SLAB + ROW, SLAB + ROW + 1].into_iter().enumerate() {
+            for c in 0..C {
+                sum[c] += w[k] * f64::from(nodes[corner * C + c]);
+            }
+        }
     }
 
     /// The t at which the integral from `t0` is `rest`, for a field that is not negative.
@@ -111,7 +135,9 @@ impl Grid {
         let [_, ny, nz] = self.frame.dims;
         let brick = [brick / (ny * nz), brick / nz % ny, brick % nz];
         let mut cell = Cell { local: 0, corner: [0.0; 3], t0, t1 };
-        let (mut exit, mut step, mut far) = ([f64::INFINITY; 3], [0.0; 3], [0.0; 3]);
+        // Where the ray leaves the cell, and where it would leave the next: known ahead, so that no cell waits for it.
+        let (mut exit, mut next) = ([f64::INFINITY; 3], [f64::INFINITY; 3]);
+        let (mut step, mut far) = ([0.0; 3], [0.0; 3]);
         let mut stride = [SLAB, ROW, 1];
         for a in 0..3 {
             // Enter in the cell of the start point; rounding may put that point a hair outside of the brick.
@@ -128,6 +154,7 @@ impl Grid {
             }
             if ray.moves(a) {
                 exit[a] = ray.at_plane(a, cell.corner[a] + far[a]);
+                next[a] = ray.at_plane(a, cell.corner[a] + (far[a] + step[a]));
             }
         }
         loop {
@@ -145,8 +172,8 @@ impl Grid {
                 let crossed = exit[a] == leave;
                 cell.local = cell.local.wrapping_add(if crossed { stride[a] } else { 0 });
                 cell.corner[a] += if crossed { step[a] } else { 0.0 };
-                let next = ray.at_plane(a, cell.corner[a] + far[a]);
-                exit[a] = if crossed { next } else { exit[a] };
+                exit[a] = if crossed { next[a] } else { exit[a] };
+                next[a] = ray.at_plane(a, cell.corner[a] + (far[a] + step[a]));
             }
         }
     }
@@ -162,15 +189,17 @@ impl Grid {
         }
     }
 
-    /// Add a span's integral to `sum`.
+    /// Add a span's integral to `sum`: of channel 0, or of all three.
     #[inline(always)]
     fn add_span<const C: usize, const N: usize>(&self, ray: &Ray, span: &Span, sum: &mut [f64; N]) {
         match span.brick.index() {
             Some(brick) if !span.constant => {
                 let nodes = self.bricks.nodes(brick, C);
                 self.cells(ray, brick, span.t0, span.t1, |cell| {
-                    for c in 0..N {
-                        sum[c] += cell.integral::<C>(ray, self.smooth, nodes, c);
+                    if N == 1 {
+                        sum[0] += cell.integral::<C>(ray, self.smooth, nodes, 0);
+                    } else {
+                        cell.integrals(ray, self.smooth, nodes, sum);
                     }
                     true
                 });
@@ -196,7 +225,7 @@ impl Grid {
         sum[0]
     }
 
-    /// Integrals of all channels; a scalar grid repeats its own.
+    /// Integrals of all channels (`integrate` to rounding); a scalar grid repeats its own.
     pub fn integrate3(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> [f64; 3] {
         if self.frame.channels == 1 {
             return [self.integrate(o, w, t0, t1); 3];
@@ -307,13 +336,11 @@ impl Grid {
                 continue;
             }
             self.cells(&ray, brick, span.t0, span.t1, |cell| {
-                let half = 0.5 * (cell.t1 - cell.t0);
-                if half > 0.0 {
-                    let [p, q] = cell.gauss().map(|t| cell.at(&ray, self.smooth, t));
-                    let (p, q) = (weights(p[0], p[1], p[2]), weights(q[0], q[1], q[2]));
-                    for (k, id) in ids.cell(cell.local).into_iter().enumerate() {
+                if cell.t0 < cell.t1 {
+                    let w = cell.weight_integrals(&ray, self.smooth);
+                    for (id, w) in ids.cell(cell.local).into_iter().zip(w) {
                         if let Some(id) = id {
-                            f(id, half * (p[k] + q[k]));
+                            f(id, w);
                         }
                     }
                 }

@@ -271,14 +271,13 @@ impl Grid {
     }
 }
 
-/// Offsets of a cell's corners from its lowest node, by (x, y, z) bits 4, 2, 1.
-const CORNERS: [usize; 8] = [0, 1, ROW, ROW + 1, SLAB, SLAB + 1, SLAB + ROW, SLAB + ROW + 1];
-
-/// The eight corner values of channel `c` of the cell whose window this is.
+/// The eight corner values of channel `c` of the cell whose window this is, z fastest.
 #[inline(always)]
 fn corners<const C: usize>(window: &[f32], c: usize) -> [f64; 8] {
     let w = &window[..WINDOW * C];
-    CORNERS.map(|k| f64::from(w[k * C + c]))
+    // Spelled out: `array::map` is not inlined here.
+    let v = |k: usize| f64::from(w[k * C + c]);
+    [v(0), v(1), v(ROW), v(ROW + 1), v(SLAB), v(SLAB + 1), v(SLAB + ROW), v(SLAB + ROW + 1)]
 }
 
 /// `a` at f = 0, `b` at f = 1, and `a` exactly wherever both are equal.

@@ -4,7 +4,7 @@
 //! none. Nodes repeated in several bricks, or by clamping at the border of a dense array, share their slot.
 
 use super::bricks::{BRICK, ROW};
-use super::{CORNERS, Frame, Grid};
+use super::{Frame, Grid};
 use crate::math::DVec3;
 
 /// The slot of a stored value, `0..node_count()`.
@@ -99,10 +99,13 @@ impl BrickIds<'_> {
             }
             BrickIds::Sparse { blocks, range } => {
                 let [x, y, z] = node;
-                let block = blocks[(x / BRICK) << 2 | (y / BRICK) << 1 | z / BRICK];
-                let inside = (0..3).all(|a| range.0[a] <= node[a] as i64 && node[a] as i64 <= range.1[a]);
-                let local = (x % BRICK) << 6 | (y % BRICK) << 3 | z % BRICK;
-                (inside && block != BACKGROUND).then(|| block.base + block.stride * local as u32)
+                let block = blocks[(x / BRICK * 2 + y / BRICK) * 2 + z / BRICK];
+                let mut inside = true;
+                for a in 0..3 {
+                    inside &= range.0[a] <= node[a] as i64 && node[a] as i64 <= range.1[a];
+                }
+                let local = (x % BRICK * BRICK + y % BRICK) * BRICK + z % BRICK;
+                (inside & (block.base != u32::MAX)).then(|| block.base + block.stride * local as u32)
             }
         }
     }
@@ -119,17 +122,25 @@ impl BrickIds<'_> {
         }
     }
 
-    /// Slots of the corners of a cell, in the order of `CORNERS`.
+    /// Slots of the corners of a cell, z fastest.
     #[inline]
     pub(super) fn cell(&self, local: usize) -> [Option<NodeId>; 8] {
-        CORNERS.map(|k| {
-            let n = local + k;
-            self.get([n / (ROW * ROW), n / ROW % ROW, n % ROW]).map(NodeId)
-        })
+        let (x, y, z) = (local / (ROW * ROW), local / ROW % ROW, local % ROW);
+        let at = |x, y, z| self.get([x, y, z]).map(NodeId);
+        [
+            at(x, y, z),
+            at(x, y, z + 1),
+            at(x, y + 1, z),
+            at(x, y + 1, z + 1),
+            at(x + 1, y, z),
+            at(x + 1, y, z + 1),
+            at(x + 1, y + 1, z),
+            at(x + 1, y + 1, z + 1),
+        ]
     }
 }
 
-/// Weights of the corners at a position in the cell, in the order of `CORNERS`. They sum to 1.
+/// Weights of the corners at a position in the cell, z fastest. They sum to 1.
 #[inline(always)]
 pub(super) fn weights(x: f64, y: f64, z: f64) -> [f64; 8] {
     let (nx, ny, nz) = (1.0 - x, 1.0 - y, 1.0 - z);

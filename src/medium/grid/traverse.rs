@@ -116,8 +116,8 @@ impl Walk {
     }
 
     #[inline(always)]
-    fn done(&self) -> bool {
-        !(self.t < self.end)
+    fn more(&self) -> bool {
+        self.t < self.end
     }
 
     /// Leave the current brick; returns where.
@@ -131,7 +131,7 @@ impl Walk {
             return self.end;
         }
         self.t = if leave > self.t { leave } else { self.t };
-        let [_, ny, nz] = frame.dims.map(|n| n as i64);
+        let (ny, nz) = (frame.dims[1] as i64, frame.dims[2] as i64);
         let stride = [ny * nz, nz, 1];
         for a in 0..3 {
             if self.exit[a] == leave {
@@ -155,11 +155,14 @@ pub struct SpanIter<'a> {
     after: (f64, f64),
     walk: Walk,
     merge: bool,
+    /// Ray or range are not numbers.
+    broken: bool,
 }
 
 impl<'a> SpanIter<'a> {
     fn new(grid: &'a Grid, o: DVec3, w: DVec3, t0: f64, t1: f64, merge: bool) -> Self {
         let ray = Ray::new(grid, o, w);
+        let broken = ray.is_nan() || t0.is_nan() || t1.is_nan();
         let (ta, tb) = ray.clip(grid.lo, grid.hi, t0, t1);
         let mut iter = SpanIter {
             grid,
@@ -168,24 +171,31 @@ impl<'a> SpanIter<'a> {
             after: (tb, t1),
             walk: Walk { t: 0.0, end: 0.0, brick: [0; 3], index: 0, exit: [0.0; 3] },
             merge,
+            broken,
         };
-        // A ray that misses the table, or that is not a number, is outside all along.
-        if !(ta < tb) || ray.is_nan() || grid.bricks.is_empty() {
-            (iter.before, iter.after) = ((t0, t1), (t1, t1));
-        } else {
-            iter.walk = Walk::new(&grid.frame, &iter.ray, ta, tb);
+        const NOTHING: (f64, f64) = (0.0, 0.0);
+        if broken {
+            // One span of a field that is not a number: integrals over it are not, either.
+            (iter.before, iter.after) = ((0.0, 1.0), NOTHING);
+            return iter;
         }
-        if grid.outside == [0.0; 3] && !ray.is_nan() {
-            (iter.before, iter.after) = ((0.0, 0.0), (0.0, 0.0));
+        if ta < tb && !grid.bricks.is_empty() {
+            iter.walk = Walk::new(&grid.frame, &iter.ray, ta, tb);
+        } else {
+            // A ray that misses the table is outside all along.
+            (iter.before, iter.after) = ((t0, t1), NOTHING);
+        }
+        if grid.outside == [0.0; 3] {
+            (iter.before, iter.after) = (NOTHING, NOTHING);
         }
         iter
     }
 
     /// The outside from `range.0` to `range.1`, once.
     #[cold]
-    fn outside(grid: &Grid, ray: &Ray, range: &mut (f64, f64)) -> Span {
+    fn outside(grid: &Grid, broken: bool, range: &mut (f64, f64)) -> Span {
         let (t0, t1) = std::mem::replace(range, (0.0, 0.0));
-        let values = if ray.is_nan() { &[f64::NAN; 3] } else { &grid.outside };
+        let values = if broken { &[f64::NAN; 3] } else { &grid.outside };
         let values = &values[..grid.channels()];
         let fold = |f: fn(f64, f64) -> f64| values.iter().copied().fold(values[0], f);
         Span { t0, t1, brick: BrickRef::OUTSIDE, min: fold(f64::min), max: fold(f64::max), constant: true }
@@ -198,16 +208,16 @@ impl Iterator for SpanIter<'_> {
     #[inline]
     fn next(&mut self) -> Option<Span> {
         if self.before.0 < self.before.1 {
-            return Some(Self::outside(self.grid, &self.ray, &mut self.before));
+            return Some(Self::outside(self.grid, self.broken, &mut self.before));
         }
         let (frame, bricks) = (&self.grid.frame, &self.grid.bricks);
-        while !self.walk.done() {
+        while self.walk.more() {
             let (t0, brick) = (self.walk.t, self.walk.index as usize);
             let code = bricks.code(brick);
             let mut t1 = self.walk.advance(frame, &self.ray);
             let constant = code & 1 == 0;
             if constant && self.merge {
-                while !self.walk.done() && bricks.code(self.walk.index as usize) == code {
+                while self.walk.more() && bricks.code(self.walk.index as usize) == code {
                     t1 = self.walk.advance(frame, &self.ray);
                 }
             }
@@ -216,7 +226,7 @@ impl Iterator for SpanIter<'_> {
                 return Some(Span { t0, t1, brick: BrickRef(brick as u32), min, max, constant });
             }
         }
-        (self.after.0 < self.after.1).then(|| Self::outside(self.grid, &self.ray, &mut self.after))
+        (self.after.0 < self.after.1).then(|| Self::outside(self.grid, self.broken, &mut self.after))
     }
 }
 
@@ -234,7 +244,7 @@ fn bounds([min, max]: [f32; 2], constant: bool) -> [f64; 2] {
 
 impl Grid {
     /// Bricks along `o + t w`, `t` in [t0, t1], in order: every t inside the grid's box is in exactly one span. With a
-    /// background other than 0 the outside is covered too. Consecutive bricks of one constant are one span.
+    /// background other than 0 the outside is covered too. Consecutive bricks of one constant are one span. t0 > t1: none.
     pub fn spans(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> SpanIter<'_> {
         SpanIter::new(self, o, w, t0, t1, true)
     }
