@@ -2,6 +2,9 @@
 
 pub mod desc;
 pub mod node;
+mod property;
+mod refs;
+mod source;
 pub mod transform;
 pub mod value;
 pub mod xml;
