@@ -143,7 +143,8 @@ pub fn suggest<'a>(name: &str, valid: impl IntoIterator<Item = &'a str>) -> Stri
         list += ", ...";
     }
     match nearest(name, valid.iter().copied()) {
-        Some(best) if valid.len() == 1 => format!("did you mean `{best}`?"),
+        // A long list would hide the answer.
+        Some(best) if valid.len() == 1 || valid.len() > 12 => format!("did you mean `{best}`?"),
         Some(best) => format!("did you mean `{best}`? Valid here: {list}"),
         None if valid.is_empty() => "remove it: nothing of the kind is read here".into(),
         None => format!("valid here: {list}"),

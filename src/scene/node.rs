@@ -140,7 +140,9 @@ impl Node {
     }
 
     fn wrong_kind(&self, p: &Prop, wanted: &str) -> Error {
-        let what = format!("`{}` of {} is a <{}>, not a <{wanted}>", p.name, self.title(), p.kind);
+        let a = |kind: &str| if kind.starts_with('i') { "an" } else { "a" };
+        let what =
+            format!("`{}` of {} is {} <{}>, not {} <{wanted}>", p.name, self.title(), a(p.kind), p.kind, a(wanted));
         Error::scene(&p.span, what, format!("write `<{wanted} name=\"{}\" .../>`", p.name))
     }
 
@@ -324,7 +326,7 @@ impl Node {
 
     /// Objects that do nothing by themselves at the top level of a scene.
     pub(super) fn is_library(&self) -> bool {
-        matches!(self.tag.as_str(), "bsdf" | "medium" | "volume" | "phase" | "texture")
+        !matches!(self.tag.as_str(), "shape" | "emitter" | "sensor" | "integrator")
     }
 }
 

@@ -71,7 +71,10 @@ pub(super) fn read(params: &mut Params, source: &Source, e: Element, name: &str)
 }
 
 fn arity(span: &Span, tag: &str, wanted: &str, got: usize) -> Error {
-    let remedy = format!("write {wanted}, separated by commas or blanks");
+    let remedy = match wanted.starts_with("1 number") {
+        true => format!("write {wanted}"),
+        false => format!("write {wanted}, separated by commas or blanks"),
+    };
     Error::scene(span, format!("<{tag}> takes {wanted}, not {got}"), remedy)
 }
 

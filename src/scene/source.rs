@@ -57,10 +57,11 @@ impl<'t> Source<'t> {
             // Some errors know no place: they belong to the end of the file, or to its beginning.
             let span = match e {
                 X::UnclosedRootNode | X::UnexpectedEndOfStream => self.span(self.text.trim_end().len()),
+                X::DtdDetected => self.span(self.text.find("<!DOCTYPE").unwrap_or(0)),
                 _ => Span { file: self.file.clone(), line: e.pos().row, column: e.pos().col },
             };
             let text = e.to_string();
-            let text = text.strip_suffix(&format!(" at {}", e.pos())).unwrap_or(&text);
+            let text = text.replace(&format!(" at {}", e.pos()), "");
             let remedy = match e {
                 X::DtdDetected => "remove the <!DOCTYPE ...>: scenes take no document type",
                 X::UnclosedRootNode | X::UnexpectedEndOfStream => {

@@ -132,11 +132,16 @@ impl Params {
             return Ok(self.add(name, text, span.clone()));
         }
         let what = format!("undefined parameter `${name}`");
-        let known = self.index.keys().chain(self.overrides.keys()).map(String::as_str);
-        let remedy = match (self.later.get(name), super::desc::nearest(name, known)) {
-            (Some(at), _) => format!("its <default> at {at} comes too late: move it above the first use"),
-            (None, Some(_)) => suggest(name, self.list.iter().map(|p| p.name.as_str())),
-            (None, None) => format!("add `<default name=\"{name}\" value=\"...\"/>` above, or pass `-D {name}=...`"),
+        let mut known: Vec<&str> = self.index.keys().chain(self.overrides.keys()).map(String::as_str).collect();
+        known.sort_unstable();
+        known.dedup();
+        let remedy = match self.later.get(name) {
+            Some(at) => format!("its <default> at {at} comes too late: move it above the first use"),
+            None if super::desc::nearest(name, known.iter().copied()).is_some() => suggest(name, known),
+            None => {
+                let others = if known.is_empty() { String::new() } else { format!("; {}", suggest(name, known)) };
+                format!("add `<default name=\"{name}\" value=\"...\"/>` above, or pass `-D {name}=...`{others}")
+            }
         };
         Err(Error::scene(span, what, remedy))
     }
@@ -220,7 +225,7 @@ impl Params {
         }
         let remedy =
             "write `$name` alone between commas or blanks; there is no arithmetic: add a parameter for the result";
-        Err(Error::scene(span, format!("`{word}`: a parameter must be a whole number by itself"), remedy))
+        Err(Error::scene(span, format!("`{word}`: a parameter must stand by itself"), remedy))
     }
 
     /// After reading: an override that nothing uses is an error.
