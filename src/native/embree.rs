@@ -349,7 +349,8 @@ impl Bvh {
                 // SAFETY: buffers of exactly the sizes written are asked for and tested for null; `user_ptr` names a boxed
                 // geometry that outlives the scene; the callbacks are for triangles.
                 unsafe {
-                    let geom = sys::rtcNewGeometry(self.device.handle, sys::RTCGeometryType::RTC_GEOMETRY_TYPE_TRIANGLE);
+                    let geom =
+                        sys::rtcNewGeometry(self.device.handle, sys::RTCGeometryType::RTC_GEOMETRY_TYPE_TRIANGLE);
                     let guard = GeometryGuard(geom);
                     self.device.check("new geometry")?;
                     let v = sys::rtcSetNewGeometryBuffer(
@@ -751,8 +752,10 @@ fn examine() -> Result<String> {
         let geom = sys::rtcNewGeometry(device.handle, sys::RTCGeometryType::RTC_GEOMETRY_TYPE_TRIANGLE);
         let _guard = GeometryGuard(geom);
         let buffer = |kind, format, n| sys::rtcSetNewGeometryBuffer(geom, kind, 0, format, 12, n);
-        let p = buffer(sys::RTCBufferType::RTC_BUFFER_TYPE_VERTEX, sys::RTCFormat::RTC_FORMAT_FLOAT3, 3).cast::<[f32; 3]>();
-        let f = buffer(sys::RTCBufferType::RTC_BUFFER_TYPE_INDEX, sys::RTCFormat::RTC_FORMAT_UINT3, 1).cast::<[u32; 3]>();
+        let p =
+            buffer(sys::RTCBufferType::RTC_BUFFER_TYPE_VERTEX, sys::RTCFormat::RTC_FORMAT_FLOAT3, 3).cast::<[f32; 3]>();
+        let f =
+            buffer(sys::RTCBufferType::RTC_BUFFER_TYPE_INDEX, sys::RTCFormat::RTC_FORMAT_UINT3, 1).cast::<[u32; 3]>();
         device.check("probe")?;
         if p.is_null() || f.is_null() {
             sys::rtcReleaseScene(scene);
