@@ -334,7 +334,7 @@ impl Frame {
             }
             let _versions = self.u32()?;
             let (unpacked, block, packed) = (u64::from(self.u32()?), u64::from(self.u32()?), u64::from(self.u32()?));
-            if unpacked != bytes || packed != size || block > unpacked || (block == 0) != (bytes == 0) {
+            if unpacked != bytes || packed != size || (bytes > 0 && !(1..=bytes).contains(&block)) {
                 return Err(damaged());
             }
         }
