@@ -594,3 +594,62 @@ fn files_from_elsewhere_are_read() {
         }
     }
 }
+
+/// Rate of single-thread queries: `cargo test --release --test native -- --ignored --nocapture rate`.
+#[test]
+#[ignore = "a measurement"]
+fn query_rate_on_a_million_triangles() {
+    // A bumpy sphere of 708 x 708 quads.
+    let n = 708_u32;
+    let v: Vec<DVec3> = (0..=n)
+        .flat_map(|j| {
+            (0..n).map(move |i| {
+                let (a, b) = (
+                    f64::from(i) / f64::from(n) * std::f64::consts::TAU,
+                    f64::from(j) / f64::from(n) * std::f64::consts::PI,
+                );
+                let r = 1.0 + 0.05 * (20.0 * a).sin() * (20.0 * b).sin();
+                DVec3::new(a.cos() * b.sin(), a.sin() * b.sin(), b.cos()) * r
+            })
+        })
+        .collect();
+    let at = |i: u32, j: u32| j * n + i % n;
+    let f: Vec<[u32; 3]> = (0..n * n)
+        .flat_map(|k| {
+            let (i, j) = (k % n, k / n);
+            [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]
+        })
+        .collect();
+    let faces = f.len();
+    let clock = std::time::Instant::now();
+    let bvh = mesh(v.into(), f.into());
+    let build = clock.elapsed();
+    let mut r = Rng::keyed(71, 72, 73, 74);
+    let count = 1_000_000;
+    let rays: Vec<Ray> =
+        (0..count).map(|_| Ray::new(direction(&mut r) * 0.8 * r.uniform(), direction(&mut r))).collect();
+    let clock = std::time::Instant::now();
+    let hits = rays.iter().filter(|x| bvh.intersect(x).is_some()).count();
+    let nearest = clock.elapsed().as_secs_f64();
+    let clock = std::time::Instant::now();
+    let shadows = rays.iter().filter(|x| bvh.occluded(x)).count();
+    let any = clock.elapsed().as_secs_f64();
+    println!(
+        "{faces} triangles built in {build:?}, {} MB; incoherent rays from within: {:.2} M/s nearest, {:.2} M/s any; lost {} and {}",
+        bvh.memory_bytes() >> 20,
+        count as f64 * 1e-6 / nearest,
+        count as f64 * 1e-6 / any,
+        count - hits,
+        count - shadows
+    );
+    assert!(count - hits <= 2 && count - shadows <= 2, "a closed mesh leaks");
+
+    let clock = std::time::Instant::now();
+    let small: Vec<Bvh> = (0..100)
+        .map(|_| {
+            let (v, f) = cube(1.0, DVec3::ZERO);
+            mesh(v, f)
+        })
+        .collect();
+    println!("a scene of 12 triangles, with its device: {:?}", clock.elapsed() / small.len() as u32);
+}
