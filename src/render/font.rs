@@ -113,7 +113,10 @@ const GLYPHS: &[(char, &str)] = &[
 /// What unknown characters look like.
 const UNKNOWN: &str = "##### #...# #...# #...# #...# #...# #####";
 
-fn bits(art: &str) -> [u8; GLYPH_HEIGHT] {
+/// Rows of dots, the leftmost dot in the highest of five bits.
+type Glyph = [u8; GLYPH_HEIGHT];
+
+fn bits(art: &str) -> Glyph {
     let mut rows = [0; GLYPH_HEIGHT];
     for (row, dots) in rows.iter_mut().zip(art.split(' ')) {
         *row = dots.bytes().fold(0, |bits, dot| bits << 1 | (dot == b'#') as u8);
@@ -121,14 +124,14 @@ fn bits(art: &str) -> [u8; GLYPH_HEIGHT] {
     rows
 }
 
-fn glyph(c: char) -> [u8; GLYPH_HEIGHT] {
-    static TABLE: OnceLock<(HashMap<char, [u8; GLYPH_HEIGHT]>, [u8; GLYPH_HEIGHT])> = OnceLock::new();
-    let (table, unknown) = TABLE.get_or_init(|| {
+fn glyph(c: char) -> Glyph {
+    static TABLE: OnceLock<HashMap<char, Glyph>> = OnceLock::new();
+    let table = TABLE.get_or_init(|| {
         let mut table: HashMap<_, _> = GLYPHS.iter().map(|&(c, art)| (c, bits(art))).collect();
         table.insert(' ', [0; GLYPH_HEIGHT]);
-        (table, bits(UNKNOWN))
+        table
     });
-    *table.get(&c).unwrap_or(unknown)
+    table.get(&c).copied().unwrap_or_else(|| bits(UNKNOWN))
 }
 
 /// Width of a line of text in dots.
@@ -153,6 +156,26 @@ pub fn runs(text: &str) -> Vec<(usize, usize, usize)> {
         }
     }
     out
+}
+
+/// Break at spaces, words longer than a line anywhere.
+pub fn wrap(text: &str, room: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let letters: Vec<char> = word.chars().collect();
+        for (i, part) in letters.chunks(room).enumerate() {
+            let part: String = part.iter().collect();
+            match lines.last_mut() {
+                Some(line) if line.is_empty() => *line = part,
+                Some(line) if i == 0 && line.chars().count() + 1 + part.chars().count() <= room => {
+                    *line += " ";
+                    *line += &part;
+                }
+                _ => lines.push(part),
+            }
+        }
+    }
+    lines
 }
 
 /// A number for an axis or a colour bar: about three digits, short.
@@ -189,6 +212,13 @@ mod tests {
             assert!(twin.is_none() || *c == '×', "{c} looks like {twin:?}");
         }
         assert!((0x21..0x7f).all(|b| GLYPHS.iter().any(|(c, _)| *c as u32 == b)), "printable ASCII");
+    }
+
+    #[test]
+    fn names_wrap_at_spaces() {
+        assert_eq!(wrap("finite differences", 17), ["finite", "differences"]);
+        assert_eq!(wrap("a bb abcdefgh c", 4), ["a bb", "abcd", "efgh", "c"]);
+        assert_eq!(wrap("", 5), [""]);
     }
 
     #[test]

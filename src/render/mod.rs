@@ -2,6 +2,7 @@
 
 pub mod exr;
 pub mod film;
+pub mod film_state;
 mod font;
 pub mod health;
 pub mod image_io;

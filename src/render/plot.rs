@@ -260,9 +260,8 @@ impl<DB: DrawingBackend> Pen<DB> {
             self.marker((x + 12 * FINE, y), color, shape)?;
         }
         let room = (WIDTH as i32 - at.0 - 32) * FINE / (DOT * font::ADVANCE as i32);
-        let letters: Vec<char> = name.chars().collect();
-        for part in letters.chunks(room as usize) {
-            self.text(&part.iter().collect::<String>(), ((at.0 + 32) * FINE, at.1 * FINE), HPos::Left)?;
+        for line in font::wrap(name, room as usize) {
+            self.text(&line, ((at.0 + 32) * FINE, at.1 * FINE), HPos::Left)?;
             at.1 += 20;
         }
         at.1 += 4;
@@ -301,7 +300,8 @@ impl<DB: DrawingBackend> Pen<DB> {
         };
         for (dx, dy, length) in font::runs(text) {
             let (x, y) = (x + dx as i32 * DOT, y + dy as i32 * DOT);
-            let end = (x + length as i32 * DOT - 1, y + DOT - 1);
+            // The bitmap backend leaves out the last row and column of a filled rectangle.
+            let end = (x + length as i32 * DOT, y + DOT);
             self.put(&Rectangle::new([(x, y), end], BLACK.filled()))?;
         }
         Ok(())

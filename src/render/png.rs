@@ -25,6 +25,7 @@ pub enum Exposure {
 const NOT_A_NUMBER: [u8; 3] = [0, 170, 0];
 const WHITE: [u8; 3] = [255; 3];
 const BLACK: [u8; 3] = [0; 3];
+const FRAME: [u8; 3] = [160; 3];
 
 /// The q-quantile (0..=1) of the finite values: the smallest one that at least a share q does not exceed. `None` if there is none.
 fn quantile(values: impl Iterator<Item = f64>, q: f64) -> Option<f64> {
@@ -150,7 +151,7 @@ impl Canvas {
         let mut encoder = ::png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
         encoder.set_color(::png::ColorType::Rgb);
         encoder.set_depth(::png::BitDepth::Eight);
-        encoder.set_srgb(::png::SrgbRenderingIntent::RelativeColorimetric);
+        encoder.set_source_srgb(::png::SrgbRenderingIntent::RelativeColorimetric);
         let mut writer = encoder.write_header()?;
         writer.write_image_data(self.pixels.as_flattened())?;
         writer.finish()?;
@@ -250,7 +251,10 @@ impl Sheet {
             let (x, y) = (GAP + i % columns * step_x, GAP + i / columns * step_y);
             canvas.text(x, y, TEXT, &panel.title);
             let pixels = panel.colors(range.unwrap_or(1.0));
-            canvas.blit(x, y + LINE + GAP / 2, factor, panel.width, &pixels);
+            // A thin frame: the maps' zero is white, as the paper is.
+            let top = y + LINE + GAP / 2;
+            canvas.fill(x - 1, top - 1, panel.width * factor + 2, panel.height * factor + 2, FRAME);
+            canvas.blit(x, top, factor, panel.width, &pixels);
         }
         if let Some(bar) = bar {
             let top = GAP + LINE + GAP / 2;
