@@ -191,6 +191,7 @@ fn medium(
             return Err(Error::scene(&m.span, what, "an albedo lies between 0 and 1"));
         }
     }
+    let emission = m.emission.as_ref().map(|v| volume(v, options, warnings)).transpose()?;
     let largest = |v: &Volume| match v {
         Volume::Constant(c) => *c,
         Volume::Grid(g) => Rgb(g.max3()),
@@ -209,6 +210,7 @@ fn medium(
         gray,
         density,
         albedo,
+        emission,
         scale: m.scale,
         phase: m.g.map_or(Phase::Isotropic, |g| Phase::Hg { g }),
         slots: MediumSlots {
@@ -216,6 +218,7 @@ fn medium(
             albedo: slot_of(slots, &m.name, Quantity::Albedo),
             scale: slot_of(slots, &m.name, Quantity::MediumScale),
             g: slot_of(slots, &m.name, Quantity::G),
+            emission: slot_of(slots, &m.name, Quantity::Glow),
         },
         kappa: 1.0,
     })
