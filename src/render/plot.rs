@@ -12,7 +12,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::error::{Error, Result};
 use crate::render::font;
-use crate::render::output;
+use crate::image::output;
 use crate::render::png::Canvas;
 
 #[derive(Clone, Debug, Default)]

@@ -8,8 +8,8 @@ use std::sync::OnceLock;
 use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::render::font;
-use crate::render::image_io::RgbImage;
-use crate::render::output;
+use crate::image::environment::RgbImage;
+use crate::image::output;
 
 /// How linear radiance becomes display brightness, before the sRGB curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

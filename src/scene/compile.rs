@@ -261,7 +261,7 @@ fn light(l: &super::parts::LightPart<f64>, slots: &SlotTable) -> Result<Light> {
         LightKindPart::Constant => LightKind::Constant,
         LightKindPart::Envmap { path, to_world } => {
             quantity = Quantity::EnvironmentScale;
-            let image = crate::render::image_io::load_environment(path)
+            let image = crate::image::environment::load_environment(path)
                 .map_err(|e| Error::scene(&l.span, e.to_string(), "use an equirectangular .exr or .hdr image"))?;
             let m = to_world.affine().matrix3;
             let turn = DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());
