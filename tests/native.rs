@@ -411,7 +411,7 @@ fn half_floats_and_writing_errors() {
     let path = dir.path().join("h.vdb");
     let mut r = Rng::keyed(31, 32, 33, 34);
     let grid = WriteGrid { half: true, ..sample_grid(&mut r, "h") };
-    vdb::write(&path, &[grid.clone()]).unwrap();
+    vdb::write(&path, std::slice::from_ref(&grid)).unwrap();
     let got = vdb::load(&path, &Select::Index(0)).unwrap();
     assert!(got.info.stored_half && got.info.value_type == "float");
     let worst = got.leaves[0].values.iter().flat_map(|a| grid.leaves.iter().map(move |l| (a, l)));
@@ -421,7 +421,7 @@ fn half_floats_and_writing_errors() {
         assert!((a - b).abs() < 1e-3);
     }
     // Nothing is left behind by a write that fails.
-    assert!(vdb::write(&dir.path().join("none/x.vdb"), &[grid.clone()]).is_err());
+    assert!(vdb::write(&dir.path().join("none/x.vdb"), std::slice::from_ref(&grid)).is_err());
     let crooked =
         WriteGrid { tiles: vec![Tile { origin: [1, 0, 0], size: 8, value: [0.0; 3], active: true }], ..grid.clone() };
     assert!(vdb::write(&dir.path().join("y.vdb"), &[crooked]).is_err());
