@@ -170,7 +170,7 @@ fn t1_transmittance_linear_density() {
 fn t2_emission_slab() {
     let medium = r#"<medium type="homogeneous" id="m"><float name="sigma_t" value="$sigma_t"/><float name="albedo" value="$albedo"/>
         <rgb name="emission" value="$le"/><float name="scale" value="$scale"/></medium>"#;
-    let r = forward(&slab(1.7, medium, "", 1), &["le", "sigma_t", "albedo", "scale"], 1 << 14);
+    let r = forward(&slab(1.7, medium, "", 1), &["le", "sigma_t", "albedo", "scale"], 1 << 16);
     let (da, ds) = (1.86088753328, -0.462047538738);
     check("L", &r[0], 0.696880521606, 0.005);
     check("dL/dLe", &r[1], 0.278752208642, 0.005);
