@@ -89,7 +89,9 @@ fn m1(albedo: f64) -> String {
     <shape type="rectangle"><transform name="to_world"><scale value="1e7"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
     <emitter type="directional"><vector name="direction" x="{sin0}" y="0" z="{}"/><rgb name="irradiance" value="1"/></emitter>
     </scene>"#,
-        2.0 * sin, 2.0 * mu, -mu0
+        2.0 * sin,
+        2.0 * mu,
+        -mu0
     )
 }
 

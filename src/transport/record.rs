@@ -7,8 +7,8 @@ use super::sweep::Candidates;
 use super::walk::{Flight, State};
 use crate::light::Emission;
 use crate::math::rng::Rng;
-use crate::scene::Hit;
 use crate::math::{DVec3, Rgb};
+use crate::scene::Hit;
 
 /// Events held at a time.
 pub const CHUNK: usize = 4096;
@@ -92,7 +92,6 @@ impl Recorder for NoRecord {
         false
     }
 }
-
 
 /// One chunk of events, and the states at the starts of all chunks but the first.
 pub struct PathRecord {
