@@ -10,7 +10,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::scene::Hit;
 
-/// Events held at a time.
+/// Events held at a time, unless a test asks for less.
 pub const CHUNK: usize = 4096;
 
 /// A straight piece inside one medium.
@@ -100,11 +100,21 @@ pub struct PathRecord {
     pub chunk_starts: Vec<State>,
     /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
     pub candidates: Option<Candidates>,
+    /// Events held at a time.
+    pub chunk: usize,
+    unused: Rng,
 }
 
 impl PathRecord {
     pub fn new() -> Self {
-        PathRecord { events: Vec::with_capacity(CHUNK), side: Vec::new(), chunk_starts: Vec::new(), candidates: None }
+        PathRecord {
+            events: Vec::with_capacity(CHUNK),
+            side: Vec::new(),
+            chunk_starts: Vec::new(),
+            candidates: None,
+            chunk: CHUNK,
+            unused: Rng::keyed(0, 0, 0, 0),
+        }
     }
 
     /// Ready for a new path.
@@ -137,7 +147,7 @@ impl Recorder for PathRecord {
     }
 
     fn checkpoint(&mut self, state: &State) -> bool {
-        if self.events.len() < CHUNK {
+        if self.events.len() < self.chunk {
             return false;
         }
         let Some(candidates) = &mut self.candidates else { return true };
@@ -150,6 +160,7 @@ impl Recorder for PathRecord {
     }
 
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
-        self.candidates.as_mut().map(|c| &mut c.rng)
+        // A regenerated chunk must hold as many events as the first time; its candidates are not looked at.
+        Some(self.candidates.as_mut().map_or(&mut self.unused, |c| &mut c.rng))
     }
 }
