@@ -2,7 +2,6 @@
 //! the slots its emission depends on. Emission is `slot value x unit`, so no derivative divides by an intensity.
 
 pub mod envmap;
-pub mod image_io;
 
 use crate::math::{DVec3, Real, Rgb, V3};
 use crate::params::Slot;

@@ -258,15 +258,15 @@ fn light(l: &super::parts::LightPart<f64>, slots: &SlotTable) -> Result<Light> {
         LightKindPart::Constant => LightKind::Constant,
         LightKindPart::Envmap { path, to_world } => {
             quantity = Quantity::EnvironmentScale;
-            let image = crate::light::image_io::load(path)
-                .map_err(|e| Error::scene(&l.span, e.to_string(), "use an .exr or .hdr equirectangular image"))?;
+            let image = crate::render::image_io::load_environment(path)
+                .map_err(|e| Error::scene(&l.span, e.to_string(), "use an equirectangular .exr or .hdr image"))?;
             let m = to_world.affine().matrix3;
             let turn = DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());
             if (turn.transpose() * turn - DMat3::IDENTITY).abs().to_cols_array().iter().any(|x| *x > 1e-9) {
                 let what = "the environment map's to_world is not a rotation";
                 return Err(Error::scene(&l.span, what, "rotate it only: scale and shear have no meaning at infinity"));
             }
-            LightKind::Envmap(Box::new(Envmap::new(image.width, image.height, image.texels, turn)))
+            LightKind::Envmap(Box::new(Envmap::new(image.width, image.height, image.pixels, turn)))
         }
     };
     Ok(Light { name: l.name.clone(), kind, value: Rgb(l.value), slot: slot_of(slots, &l.name, quantity) })
