@@ -125,7 +125,7 @@ impl GradArgs {
         let total = setup.spp;
         let spp = total.div_ceil(2);
         // The seed goes through the generator's own mixing: any other value gives an independent stream.
-        let seed = setup.seed ^ 0x9e37_79b9_7f4a_7c15;
+        let seed = setup.seed ^ 1 << 40;
         let half = self.render.max_time.map(|t| t / 2);
         let mut job = setup.job(Mode::Picture, &self.render);
         (job.spp, job.seed, job.max_time) = (spp, seed, half);

@@ -87,7 +87,7 @@ pub enum ProgressKind {
 }
 
 /// `name=value`.
-fn definition(text: &str) -> std::result::Result<(String, String), String> {
+pub fn definition(text: &str) -> std::result::Result<(String, String), String> {
     match text.split_once('=') {
         Some((name, value)) if !name.is_empty() => Ok((name.into(), value.into())),
         _ => Err("write name=value, for example -D light_x=0.5".into()),

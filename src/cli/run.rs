@@ -66,7 +66,7 @@ impl Setup {
             desc.path.display(),
             format::duration(start.elapsed()),
             format::plural(scene.shapes.len(), "shape"),
-            format::plural(scene.media.len(), "medium"),
+            if scene.media.len() == 1 { "1 medium".into() } else { format!("{} media", scene.media.len()) },
             format::plural(scene.lights.len(), "light"),
             parts.sensors[sensor].name,
             crop[2] - crop[0],
@@ -194,8 +194,7 @@ fn layers(o: &Outcome) -> Vec<Layer> {
         for p in 0..n {
             let m = o.film.mean(layer, p);
             mean.iter_mut().zip(m.0).for_each(|(a, b)| *a += b / n as f64);
-            // As the driver's own error: over the mean of the channels.
-            abs += m.mean().abs() / n as f64;
+            abs += m.abs().mean() / n as f64;
             variance = variance.zip(o.film.variance_of_mean(layer, p)).map(|(s, v)| s + v.mean() / n as f64);
         }
         let relative_error = variance.map(|v: f64| v.sqrt() / abs).filter(|e| e.is_finite());
