@@ -68,7 +68,11 @@ fn cube_is_hit_from_within_from_its_surface_and_from_far_at_all_scales() {
             let ray = Ray::new(x * scale + offset, d);
             let hit = bvh.intersect(&ray).expect("a ray from within leaves");
             let t = exit(x, d) * scale;
-            assert!((hit.t - t).abs() <= 1e-13 * coordinate * scale / d.abs().min_element().max(0.01), "{i}: {} {t}", hit.t);
+            assert!(
+                (hit.t - t).abs() <= 1e-13 * coordinate * scale / d.abs().min_element().max(0.01),
+                "{i}: {} {t}",
+                hit.t
+            );
             assert!(bvh.occluded(&ray));
             assert!(!bvh.occluded(&Ray { t_max: hit.t * (1.0 - 1e-9), ..ray }), "nothing before the hit");
 
@@ -116,7 +120,10 @@ fn rays_in_the_plane_of_coplanar_triangles_see_nothing() {
     let (a, b) = (DVec3::new(0.3, 0.8, 0.1), DVec3::new(-0.7, 0.2, 0.5));
     let n = 32_u32;
     let v: Vec<DVec3> = (0..=n)
-        .flat_map(|j| (0..=n).map(move |i| a * (f64::from(i) / f64::from(n)) + b * (f64::from(j) / f64::from(n)) + DVec3::splat(7.0)))
+        .flat_map(|j| {
+            (0..=n)
+                .map(move |i| a * (f64::from(i) / f64::from(n)) + b * (f64::from(j) / f64::from(n)) + DVec3::splat(7.0))
+        })
         .collect();
     let at = |i: u32, j: u32| j * (n + 1) + i;
     let f: Vec<[u32; 3]> = (0..n * n)
@@ -172,7 +179,9 @@ fn empty_scenes_and_bad_meshes() {
     let b = SceneBuilder::new().unwrap().commit().unwrap();
     assert!(b.is_empty() && b.intersect(&Ray::new(DVec3::ZERO, DVec3::X)).is_none());
     let mut s = SceneBuilder::new().unwrap();
-    assert!(s.add_triangles(vec![DVec3::ZERO].into(), vec![[0, 0, 1]].into()).unwrap_err().to_string().contains("only 1"));
+    assert!(
+        s.add_triangles(vec![DVec3::ZERO].into(), vec![[0, 0, 1]].into()).unwrap_err().to_string().contains("only 1")
+    );
     assert!(s.add_triangles(vec![DVec3::splat(f64::NAN)].into(), vec![].into()).is_err());
     assert!(s.add_user(vec![(DVec3::ONE, DVec3::ZERO)], Arc::new(Spheres(vec![]))).is_err());
     // Empty geometries take an id all the same, and a scene of one point is no error.
@@ -204,7 +213,10 @@ impl UserPrimitives for Spheres {
 #[test]
 fn analytic_spheres_beside_a_mesh() {
     for scale in [1e-6, 1.0, 1e6] {
-        let spheres = vec![(DVec3::new(0.3, 0.0, 0.0) * scale, 0.25 * scale), (DVec3::new(-0.5, 0.1, 0.2) * scale, 0.125 * scale)];
+        let spheres = vec![
+            (DVec3::new(0.3, 0.0, 0.0) * scale, 0.25 * scale),
+            (DVec3::new(-0.5, 0.1, 0.2) * scale, 0.125 * scale),
+        ];
         let bounds = spheres.iter().map(|(c, r)| (*c - DVec3::splat(*r), *c + DVec3::splat(*r))).collect();
         let mut b = SceneBuilder::new().unwrap();
         let (v, f) = cube(scale, DVec3::ZERO);
@@ -399,7 +411,7 @@ fn half_floats_and_writing_errors() {
     let path = dir.path().join("h.vdb");
     let mut r = Rng::keyed(31, 32, 33, 34);
     let grid = WriteGrid { half: true, ..sample_grid(&mut r, "h") };
-    vdb::write(&path, &[grid.clone()]).unwrap();
+    vdb::write(&path, std::slice::from_ref(&grid)).unwrap();
     let got = vdb::load(&path, &Select::Index(0)).unwrap();
     assert!(got.info.stored_half && got.info.value_type == "float");
     let worst = got.leaves[0].values.iter().flat_map(|a| grid.leaves.iter().map(move |l| (a, l)));
@@ -409,8 +421,9 @@ fn half_floats_and_writing_errors() {
         assert!((a - b).abs() < 1e-3);
     }
     // Nothing is left behind by a write that fails.
-    assert!(vdb::write(&dir.path().join("none/x.vdb"), &[grid.clone()]).is_err());
-    let crooked = WriteGrid { tiles: vec![Tile { origin: [1, 0, 0], size: 8, value: [0.0; 3], active: true }], ..grid.clone() };
+    assert!(vdb::write(&dir.path().join("none/x.vdb"), std::slice::from_ref(&grid)).is_err());
+    let crooked =
+        WriteGrid { tiles: vec![Tile { origin: [1, 0, 0], size: 8, value: [0.0; 3], active: true }], ..grid.clone() };
     assert!(vdb::write(&dir.path().join("y.vdb"), &[crooked]).is_err());
     let flat = WriteGrid { world_from_index: DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.0)), ..grid };
     assert!(vdb::write(&dir.path().join("z.vdb"), &[flat]).is_err());
@@ -511,10 +524,11 @@ fn flipped_bits_never_crash() {
     for packing in [Compression::None, Compression::Default, Compression::Zip] {
         vdb::write_packed(&whole, &[sample_grid(&mut r, "a"), sample_grid(&mut r, "b")], packing).unwrap();
         let bytes = std::fs::read(&whole).unwrap();
-        // Every byte of the frame, then places all over.
-        for k in 0..1200 {
+        // Every byte of the frame (once: it does not depend on the packing), then places all over.
+        let frame = if packing == Compression::None { 600 } else { 0 };
+        for k in 0..frame + 200 {
             let mut b = bytes.clone();
-            let at = if k < 700 { k.min(b.len() - 1) } else { (r.uniform() * b.len() as f64) as usize };
+            let at = if k < frame { k } else { (r.uniform() * b.len() as f64) as usize };
             b[at] ^= 1 << (r.next_u64() % 8);
             if k % 3 == 0 {
                 b[at] = 0xff;
@@ -536,4 +550,111 @@ fn flipped_bits_never_crash() {
         std::fs::write(&path, &b).unwrap();
         try_all(&path);
     }
+}
+
+/// Files from elsewhere: `TYNDALL_VDB_DIR=... cargo test --test native -- --ignored --nocapture elsewhere`.
+#[test]
+#[ignore = "needs a directory of files"]
+fn files_from_elsewhere_are_read() {
+    let dir = std::env::var("TYNDALL_VDB_DIR").expect("TYNDALL_VDB_DIR");
+    for entry in std::fs::read_dir(dir).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|e| e != "vdb") {
+            continue;
+        }
+        println!("{}", path.display());
+        for info in vdb::list(&path).unwrap() {
+            let g = vdb::load(&path, &Select::Index(info.index)).unwrap();
+            assert_eq!((g.info.active_voxels, g.info.bbox), (info.active_voxels, info.bbox));
+            let in_leaves: u64 = g.leaves.iter().flat_map(|l| l.active).map(|w| u64::from(w.count_ones())).sum();
+            let in_tiles: u64 = g.tiles.iter().filter(|t| t.active).map(|t| (t.size as u64).pow(3)).sum();
+            assert_eq!(in_leaves + in_tiles, info.active_voxels);
+            let (mut lo, mut hi) = (f32::INFINITY, f32::NEG_INFINITY);
+            for l in &g.leaves {
+                for i in (0..512).filter(|&i| l.is_active(i)) {
+                    lo = lo.min(l.values[i * g.channels]);
+                    hi = hi.max(l.values[i * g.channels]);
+                }
+            }
+            println!(
+                "  {} {} {} active {} (tiles {in_tiles}) leaf {} tiles {} bg {} bbox {:?} half {} {} memory {}\n    min/max in leaves {lo} {hi}\n    {:?}",
+                info.name,
+                info.value_type,
+                info.class,
+                info.active_voxels,
+                info.leaf_count,
+                g.tiles.len(),
+                info.background[0],
+                info.bbox,
+                info.stored_half,
+                info.transform,
+                info.memory,
+                info.world_from_index
+            );
+        }
+    }
+}
+
+/// Rate of single-thread queries: `cargo test --release --test native -- --ignored --nocapture rate`.
+#[test]
+#[ignore = "a measurement"]
+fn query_rate_on_a_million_triangles() {
+    // A bumpy sphere of 708 x 708 quads.
+    let n = 708_u32;
+    let v: Vec<DVec3> = (0..=n)
+        .flat_map(|j| {
+            (0..n).map(move |i| {
+                let (a, b) = (
+                    f64::from(i) / f64::from(n) * std::f64::consts::TAU,
+                    f64::from(j) / f64::from(n) * std::f64::consts::PI,
+                );
+                let r = 1.0 + 0.05 * (20.0 * a).sin() * (20.0 * b).sin();
+                DVec3::new(a.cos() * b.sin(), a.sin() * b.sin(), b.cos()) * r
+            })
+        })
+        .collect();
+    let at = |i: u32, j: u32| j * n + i % n;
+    let f: Vec<[u32; 3]> = (0..n * n)
+        .flat_map(|k| {
+            let (i, j) = (k % n, k / n);
+            [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]
+        })
+        .collect();
+    let faces = f.len();
+    let clock = std::time::Instant::now();
+    let bvh = mesh(v.into(), f.into());
+    let build = clock.elapsed();
+    let mut r = Rng::keyed(71, 72, 73, 74);
+    let count = 1_000_000;
+    let rays: Vec<Ray> =
+        (0..count).map(|_| Ray::new(direction(&mut r) * 0.8 * r.uniform(), direction(&mut r))).collect();
+    // Time on the processor, which others' load does not change much.
+    let cpu = || -> f64 {
+        let stat = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
+        stat.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
+    };
+    let clock = cpu();
+    let hits = rays.iter().filter(|x| bvh.intersect(x).is_some()).count();
+    let nearest = cpu() - clock;
+    let clock = cpu();
+    let shadows = rays.iter().filter(|x| bvh.occluded(x)).count();
+    let any = cpu() - clock;
+    println!(
+        "{faces} triangles built in {build:?}, {} MB; incoherent rays from within: {:.2} M/s nearest, {:.2} M/s any; lost {} and {}",
+        bvh.memory_bytes() >> 20,
+        count as f64 * 1e-6 / nearest,
+        count as f64 * 1e-6 / any,
+        count - hits,
+        count - shadows
+    );
+    assert!(count - hits <= 2 && count - shadows <= 2, "a closed mesh leaks");
+
+    let clock = std::time::Instant::now();
+    let small: Vec<Bvh> = (0..100)
+        .map(|_| {
+            let (v, f) = cube(1.0, DVec3::ZERO);
+            mesh(v, f)
+        })
+        .collect();
+    println!("a scene of 12 triangles, with its device: {:?}", clock.elapsed() / small.len() as u32);
 }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::error::{Error, Result, Warning, WarningKind};
 use crate::render::health::Health;
-use crate::render::output;
+use crate::image::output;
 
 /// Everything a reader needs to judge and repeat a run. Missing facts are null, never invented.
 #[derive(Clone, Debug, Default, Serialize)]

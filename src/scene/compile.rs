@@ -191,6 +191,7 @@ fn medium(
             return Err(Error::scene(&m.span, what, "an albedo lies between 0 and 1"));
         }
     }
+    let emission = m.emission.as_ref().map(|v| volume(v, options, warnings)).transpose()?;
     let largest = |v: &Volume| match v {
         Volume::Constant(c) => *c,
         Volume::Grid(g) => Rgb(g.max3()),
@@ -209,6 +210,7 @@ fn medium(
         gray,
         density,
         albedo,
+        emission,
         scale: m.scale,
         phase: m.g.map_or(Phase::Isotropic, |g| Phase::Hg { g }),
         slots: MediumSlots {
@@ -216,6 +218,7 @@ fn medium(
             albedo: slot_of(slots, &m.name, Quantity::Albedo),
             scale: slot_of(slots, &m.name, Quantity::MediumScale),
             g: slot_of(slots, &m.name, Quantity::G),
+            emission: slot_of(slots, &m.name, Quantity::Glow),
         },
         kappa: 1.0,
     })
@@ -258,7 +261,7 @@ fn light(l: &super::parts::LightPart<f64>, slots: &SlotTable) -> Result<Light> {
         LightKindPart::Constant => LightKind::Constant,
         LightKindPart::Envmap { path, to_world } => {
             quantity = Quantity::EnvironmentScale;
-            let image = crate::render::image_io::load_environment(path)
+            let image = crate::image::environment::load_environment(path)
                 .map_err(|e| Error::scene(&l.span, e.to_string(), "use an equirectangular .exr or .hdr image"))?;
             let m = to_world.affine().matrix3;
             let turn = DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());

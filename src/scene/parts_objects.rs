@@ -207,7 +207,16 @@ impl<R: Real> Reader<'_, R> {
                 _ => return Err(p.unknown_plugin(&PHASES)),
             },
         };
-        Ok(MediumPart { name: label(n), span: n.span.clone(), density, albedo, scale, g })
+        let emission = match n.has("emission") {
+            true => Some(self.volume(n, "emission", 0.0)?),
+            false => None,
+        };
+        if let Some(VolumePart::Constant(c)) = &emission {
+            let ok = c.iter().all(|x| x.value() >= 0.0);
+            let text = format!("emission is {:?}", c.map(R::value));
+            require(n, "emission", ok, text, "light is not negative")?;
+        }
+        Ok(MediumPart { name: label(n), span: n.span.clone(), density, albedo, emission, scale, g })
     }
 
     /// A number, a colour or a nested `<volume>`.

@@ -49,6 +49,8 @@ pub enum Event {
     Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
     /// Light met by the walk: `weight x emission` was added.
     Emit { weight: Rgb, emission: Emission },
+    /// Emission of the medium at a point of a span: `weight x sigma_a x L_e` was added, `emission` is L_e; own spans.
+    Glow { weight: Rgb, emission: Emission, medium: u32, p: DVec3, sigma_a: Rgb, first_span: u32, spans: u32 },
     /// A connection to a light: `weight x emission` was added; own spans, own phase, and for a point that the
     /// walk did not visit (equi-angular), its own sigma_s as a further factor.
     Connect {

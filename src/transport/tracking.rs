@@ -134,6 +134,16 @@ pub fn flight_density(m: &Medium, span: &MediumSpan, t: f64) -> f64 {
     }
 }
 
+/// Weight per channel of a point at abscissa `t` of a span that was walked past it: `beta T / mean(r T)`. In gray media
+/// the transmittances cancel: the walk got there with probability T.
+pub fn walked_weight(m: &Medium, span: &MediumSpan, t: f64, beta: Rgb, r: Rgb) -> Rgb {
+    if m.gray {
+        return beta * (1.0 / r.mean());
+    }
+    let tr = depth(m, &MediumSpan { t1: t, ..*span }).map(|d| (-d).exp());
+    beta * tr * (1.0 / (r * tr).mean())
+}
+
 /// Optical depth of a span per channel, exact.
 pub fn depth(m: &Medium, span: &MediumSpan) -> Rgb {
     match &m.density {

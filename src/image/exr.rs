@@ -9,8 +9,8 @@ use ::exr::prelude::*;
 use ::exr::prelude::{Error as ExrError, Result as ExrResult};
 
 use crate::error::{Error, Result};
-use crate::render::image_io::RgbImage;
-use crate::render::output::{io_error, write_atomically};
+use crate::image::environment::RgbImage;
+use crate::image::output::{io_error, write_atomically};
 
 /// A header attribute.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::error::{Error, Result, Span};
-use crate::render::exr;
+use crate::image::exr;
 
 /// A linear RGB image, rows from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
