@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 use tyndall::error::{Error, Result};
+use tyndall::image::exr::{Attribute, ExrImage};
 use tyndall::render::driver::Outcome;
-use tyndall::render::exr::{Attribute, ExrImage};
 use tyndall::render::film::Film;
 
 /// The files that a run will write.

@@ -11,11 +11,11 @@ use clap::Args;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 use tyndall::error::{Error, Result};
+use tyndall::image::{exr, output};
 use tyndall::math::Rgb;
 use tyndall::params::ParamSet;
 use tyndall::render::driver::Mode;
 use tyndall::render::plan::Term;
-use tyndall::render::{exr, output};
 use tyndall::scene::desc::suggest;
 
 /// Derivatives with respect to `$parameters` of the scene

@@ -10,9 +10,9 @@
 use clap::ValueEnum;
 use serde::Serialize;
 use tyndall::error::{Error, Result};
+use tyndall::image::RgbImage;
 use tyndall::math::Rgb;
 use tyndall::render::film::Film;
-use tyndall::render::image_io::RgbImage;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]

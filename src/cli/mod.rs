@@ -13,6 +13,7 @@ mod loss;
 mod man;
 mod options;
 mod plan;
+mod preview;
 mod progress;
 mod render;
 mod run;

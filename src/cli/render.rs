@@ -3,12 +3,13 @@
 use super::files::{self, Outputs};
 use super::log::Log;
 use super::options::{LogOptions, RenderOptions, SceneOptions};
+use super::preview;
 use super::run::{self, Setup};
 use clap::Args;
 use std::path::PathBuf;
 use tyndall::error::Result;
+use tyndall::image::{exr, output};
 use tyndall::render::driver::Mode;
-use tyndall::render::{exr, output};
 
 /// Render a picture, with the variance of every pixel
 #[derive(Args)]
@@ -59,6 +60,9 @@ pub fn picture(
         log.warn(w);
     }
     exr::write(&outputs.main, &image)?;
+    if let Some(path) = &outputs.preview {
+        preview::write(path, &done.outcome.film)?;
+    }
     let json = run::to_json(&report)?;
     output::write_bytes(&outputs.report, format!("{json}\n").as_bytes())?;
     if log.json {

@@ -5,7 +5,7 @@ use crate::cli::format;
 use serde::Serialize;
 use std::path::Path;
 use tyndall::error::Result;
-use tyndall::render::exr::{self, Attribute};
+use tyndall::image::exr::{self, Attribute};
 
 #[derive(Serialize)]
 pub struct ExrInfo {
@@ -34,10 +34,8 @@ impl ExrInfo {
             Attribute::Real(x) => serde_json::json!(x),
             Attribute::Integer(i) => serde_json::json!(i),
         };
-        let channel = |(name, data): &(String, Vec<f32>)| Channel {
-            name: name.clone(),
-            range: Range::of(data.iter().copied()),
-        };
+        let channel =
+            |(name, data): &(String, Vec<f32>)| Channel { name: name.clone(), range: Range::of(data.iter().copied()) };
         Ok(ExrInfo {
             file: path.display().to_string(),
             width: image.width,

@@ -207,7 +207,9 @@ fn light(l: &tyndall::scene::parts::LightPart<f64>) -> String {
         LightKindPart::Directional { .. } => "directional, irradiance",
         LightKindPart::Area { .. } => "area, radiance",
         LightKindPart::Constant => "constant, radiance",
-        LightKindPart::Envmap { path, .. } => return format!("envmap {}, scale {}", path.display(), number(l.value[0])),
+        LightKindPart::Envmap { path, .. } => {
+            return format!("envmap {}, scale {}", path.display(), number(l.value[0]));
+        }
     };
     format!("{kind} {}", color(&l.value))
 }
