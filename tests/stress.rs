@@ -18,7 +18,8 @@ fn rows(options: &StressOptions) -> (Vec<StressRow>, Summary) {
 /// A case with a fraction of its paths, untimed: every row ok or not yet due.
 fn quick(case: &str, effort: f64) -> Vec<StressRow> {
     let (rows, summary) = rows(&StressOptions { case: Some(case.into()), effort, threads: 2, ..Default::default() });
-    let bad: Vec<String> = rows.iter().filter(|r| !matches!(r.verdict, Verdict::Ok | Verdict::NotYet)).map(|r| r.to_string()).collect();
+    let bad: Vec<String> =
+        rows.iter().filter(|r| !matches!(r.verdict, Verdict::Ok | Verdict::NotYet)).map(|r| r.to_string()).collect();
     assert!(bad.is_empty() && summary.check().is_ok(), "{}", bad.join("\n"));
     assert!(!rows.is_empty());
     rows

@@ -15,6 +15,8 @@ use std::time::Instant;
 /// Width of the film that scenes declare; one job renders up to `WIDTH * HEIGHT` paths.
 pub const WIDTH: usize = 256;
 pub const HEIGHT: usize = 128;
+/// Paths of the driver's pilot: they cost as much as others and count in times.
+const PILOT: usize = 512;
 /// Batches for standard errors (STABILITY section 2).
 const BATCHES: usize = 32;
 
@@ -150,42 +152,47 @@ fn cpu_seconds(pool: &ThreadPool, start: Instant) -> f64 {
     ns.map_or(start.elapsed().as_secs_f64(), |v| v.iter().sum::<f64>() * 1e-9)
 }
 
-/// CPU seconds of `paths` paths.
-fn seconds(pool: &ThreadPool, s: &Subject, paths: usize, seed: u64) -> Result<f64> {
+/// CPU seconds of about `paths` paths, and how many they were.
+fn seconds(pool: &ThreadPool, s: &Subject, paths: usize, seed: u64) -> Result<(f64, f64)> {
     let clock = Instant::now();
     let start = cpu_seconds(pool, clock);
-    let (mut done, mut k) = (0, 0);
+    let (mut done, mut walked, mut k) = (0, 0, 0);
     while done < paths {
         let n = (WIDTH * HEIGHT).min(paths - done);
-        pool.install(|| s.job(n, seed + k, s.mode()).run(&|_| {}))?;
+        let job = s.job(n, seed + k, s.mode());
+        let pixels = job.width() * job.height();
+        pool.install(|| job.run(&|_| {}))?;
+        walked += pixels + PILOT.min(8 * pixels);
         (done, k) = (done + n, k + 1);
     }
-    Ok(cpu_seconds(pool, clock) - start)
+    Ok((cpu_seconds(pool, clock) - start, walked as f64))
 }
 
-/// Time per path of `a` over that of `b`, both in their own modes, alternating; median of several rounds.
+/// Time per path of `a` over that of `b`, both in their own modes, alternating: the ratio of the sums over several rounds.
 pub fn time_ratio(pool: &ThreadPool, a: &Subject, b: &Subject) -> Result<f64> {
     const ROUNDS: u64 = 5;
     /// CPU seconds a round and side should take.
-    const WANTED: f64 = 0.06;
+    const WANTED: f64 = 0.1;
     let size = |s: &Subject| -> Result<usize> {
         let mut n = 64;
         loop {
-            let t = seconds(pool, s, n, 900)?;
+            let (t, walked) = seconds(pool, s, n, 900)?;
             if t > 0.25 * WANTED || n >= 1 << 20 {
-                return Ok(((n as f64 * WANTED / t.max(1e-9)) as usize).clamp(16, 1 << 20));
+                // Long paths differ much in length: a fair mean needs a number of them.
+                return Ok(((walked * WANTED / t.max(1e-9)) as usize).clamp(512, 1 << 20));
             }
             n *= 4;
         }
     };
     let (na, nb) = (size(a)?, size(b)?);
-    let mut ratios = Vec::new();
+    let (mut ta, mut tb) = ((0.0, 0.0), (0.0, 0.0));
     for k in 0..ROUNDS {
-        let tb = seconds(pool, b, nb, 1000 + k * 100)? / nb as f64;
-        let ta = seconds(pool, a, na, 1000 + k * 100)? / na as f64;
-        ratios.push(ta / tb);
+        for (s, n, sum) in [(b, nb, &mut tb), (a, na, &mut ta)] {
+            let (t, walked) = seconds(pool, s, n, 1000 + k * 100)?;
+            *sum = (sum.0 + t, sum.1 + walked);
+        }
     }
-    Ok(median(ratios))
+    Ok(ta.0 / ta.1 / (tb.0 / tb.1))
 }
 
 /// A pool of `threads` threads; 0 = as many as there are cores.

@@ -89,13 +89,7 @@ pub fn cases() -> &'static [CaseInfo] {
 fn case(f: &[String]) -> CaseInfo {
     let bound = |s: &str| s.trim_start_matches("<=").split('x').next().map(number).filter(|x| x.is_finite());
     let expect = f[5].split(';').filter_map(|e| Some(e.split_once('=')?.0.trim().to_string())).collect();
-    CaseInfo {
-        name: f[0].clone(),
-        core: f[1] == "core",
-        reference: f[3].clone(),
-        expect,
-        time_bound: bound(&f[9]),
-    }
+    CaseInfo { name: f[0].clone(), core: f[1] == "core", reference: f[3].clone(), expect, time_bound: bound(&f[9]) }
 }
 
 /// `quantity` as `R_1`, or `R_1:d_tau` with `d_tau`, `d_albedo`, `d_g`.

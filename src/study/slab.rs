@@ -27,6 +27,8 @@ pub enum View {
     Tdiff,
     /// Light from everywhere.
     Furnace,
+    /// The receiver lit through the slab along the axis by a distant light: the transmittance of a shadow ray.
+    Shadow,
 }
 
 impl View {
@@ -107,11 +109,7 @@ impl Slab {
         };
         let wall = |z: f64| rectangle(1e6, 0.0, z, 0.0);
         let camera = |angle: f64, z: f64| {
-            format!(
-                r#"<scale value="{:e}"/><rotate y="1" angle="{angle:.17}"/>{}"#,
-                1e-9 * u,
-                at(z)
-            )
+            format!(r#"<scale value="{:e}"/><rotate y="1" angle="{angle:.17}"/>{}"#, 1e-9 * u, at(z))
         };
         let towards = |m: f64| camera(m.acos().to_degrees(), -self.distance);
         let receiver = camera(180.0, -0.01).to_string();
@@ -121,6 +119,15 @@ impl Slab {
             View::Furnace => (towards(1.0), String::new()),
             View::Rdiff => (receiver, wall(1.01) + &rectangle(1e-4, 0.0, -1.0, 1.0)),
             View::Tdiff => (receiver, wall(-1.01) + &rectangle(1e-4, 0.0, -1.0, 1.0)),
+            View::Shadow => (receiver, rectangle(1e-4, 0.0, -1.0, 1.0)),
+        };
+        let emitter = match view {
+            View::Shadow => format!(
+                r#"<emitter type="directional"><vector name="direction" value="0, 0, -1"/>
+                <rgb name="irradiance" value="{:e}"/></emitter>"#,
+                self.radiance * std::f64::consts::PI
+            ),
+            _ => r#"<emitter type="constant"><rgb name="radiance" value="$radiance"/></emitter>"#.into(),
         };
         let inside = if self.inside { r#"<ref id="fog"/>"# } else { "" };
         format!(
@@ -132,7 +139,7 @@ impl Slab {
             <shape type="cube"><transform name="to_world"><scale x="{w:e}" y="{w:e}" z="{:e}"/>{}</transform>
               <bsdf type="null"/><ref name="interior" id="fog"/></shape>
             {extra}
-            <emitter type="constant"><rgb name="radiance" value="$radiance"/></emitter>
+            {emitter}
             <sensor type="orthographic"><transform name="to_world">{camera}</transform>{inside}{}</sensor></scene>"#,
             self.tau / u,
             self.albedo,
@@ -241,6 +248,10 @@ pub fn table_case(b: &mut Bench) -> Result<()> {
         let mut checks = Vec::new();
         for q in now {
             let Some(known) = slab(&case.reference, q) else { continue };
+            if case.name.starts_with("stiff") && q.contains(':') {
+                b.not_yet(q, "the list asks for R only: its derivatives rest on paths of 1e10 collisions, which the path cap excludes");
+                continue;
+            }
             let relvar = relvar_bound(&case.name, q);
             checks.push((q, Check { known, tolerance: tolerance(&case.name, q, known), relvar, time: None }));
         }
@@ -283,7 +294,8 @@ pub fn white_furnace(b: &mut Bench) -> Result<()> {
             let m = b.measure(&subject, &[unit(0), unit(1), unit(2)], full)?;
             // Mean collisions a path, where the table knows them, set the time bound.
             let case = format!("slab_t{tau}_a1_g{g}_n1");
-            let collisions = slab(&case, "R_1:d_albedo").zip(slab(&case, "T_1:d_albedo")).map(|(r, t)| r.value + t.value);
+            let collisions =
+                slab(&case, "R_1:d_albedo").zip(slab(&case, "T_1:d_albedo")).map(|(r, t)| r.value + t.value);
             let bound = collisions.map(|c| 1.5 * (1.0 + c) / 2.64);
             let benign = Slab::BENIGN.subject(View::Furnace, &[])?;
             let time = b.time(&s.subject(View::Furnace, &[])?, &benign, bound)?;
@@ -299,7 +311,8 @@ pub fn white_furnace(b: &mut Bench) -> Result<()> {
 fn moved(b: &mut Bench, label: &str, s: Slab, tolerance: f64) -> Result<()> {
     let case = "slab_t1_a0.9_g0_n1";
     let numbers = ["R_1", "R_1:d_tau", "T_1"];
-    let unscaled = b.measure(&Slab::BENIGN.subject(View::R(1.0), &["sigma_t"])?, &[vec![1.0, 0.0], vec![0.0, 1.0]], PATHS / 2)?;
+    let unscaled =
+        b.measure(&Slab::BENIGN.subject(View::R(1.0), &["sigma_t"])?, &[vec![1.0, 0.0], vec![0.0, 1.0]], PATHS / 2)?;
     for view in [View::R(1.0), View::T(1.0)] {
         let r = matches!(view, View::R(_));
         let subject = s.subject(view, &["sigma_t"])?;
@@ -337,7 +350,9 @@ pub fn translated(b: &mut Bench) -> Result<()> {
 /// The camera exactly on the face, said to be outside or inside, and just inside.
 pub fn camera_on_boundary(b: &mut Bench) -> Result<()> {
     let case = "slab_t1_a0.9_g0_n1";
-    for (label, distance, inside) in [("on, outside", 0.0, false), ("on, inside", 0.0, true), ("1e-7 inside", -1e-7, true)] {
+    for (label, distance, inside) in
+        [("on, outside", 0.0, false), ("on, inside", 0.0, true), ("1e-7 inside", -1e-7, true)]
+    {
         for (view, q) in [(View::R(1.0), "R_1"), (View::T(1.0), "T_1")] {
             let Some(known) = slab(case, q) else { continue };
             let s = Slab { distance, inside, ..Slab::BENIGN };
@@ -359,16 +374,19 @@ pub fn radiance_range(b: &mut Bench) -> Result<()> {
         b.measure(&s.subject(View::R(1.0), &wrt)?, &[unit(0), unit(1), unit(2)], 1 << 16)
     };
     let one = run(b, 1.0)?;
-    for (label, scale, tolerance) in [
-        ("1e-30", 1e-30, 1e-6),
-        ("1e30", 1e30, 1e-6),
-        ("2^-100", 2f64.powi(-100), 0.0),
-        ("2^100", 2f64.powi(100), 0.0),
-    ] {
+    for (label, scale, tolerance) in
+        [("1e-30", 1e-30, 1e-6), ("1e30", 1e30, 1e-6), ("2^-100", 2f64.powi(-100), 0.0), ("2^100", 2f64.powi(100), 0.0)]
+    {
         let m = run(b, scale)?;
         for (k, (q, factor)) in [("R_1", scale), ("R_1:d_tau", scale), ("R_1:d_radiance", 1.0)].iter().enumerate() {
             let truth = one.estimates[k].value * factor;
-            b.exact(&format!("{q} x{label}"), m.estimates[k].value, truth, tolerance * truth.abs(), "against radiance 1, same paths");
+            b.exact(
+                &format!("{q} x{label}"),
+                m.estimates[k].value,
+                truth,
+                tolerance * truth.abs(),
+                "against radiance 1, same paths",
+            );
         }
     }
     Ok(())

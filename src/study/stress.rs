@@ -95,7 +95,8 @@ impl fmt::Display for StressRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let long = |x: f64| if x.is_nan() { "-".into() } else { format!("{x:.8e}") };
         let short = |x: f64| if x.is_nan() { "-".into() } else { format!("{x:.2e}") };
-        let some = |x: Option<f64>| x.map_or("-".into(), |x| if x < 1000.0 { format!("{x:.2}") } else { format!("{x:.0}") });
+        let some =
+            |x: Option<f64>| x.map_or("-".into(), |x| if x < 1000.0 { format!("{x:.2}") } else { format!("{x:.0}") });
         let z = if self.z.is_nan() { "-".into() } else { format!("{:.2}", self.z) };
         write!(
             f,
@@ -277,7 +278,13 @@ impl Bench<'_> {
             reference: check.known.value,
             value: e.value,
             stderr: e.stderr,
-            z: if difference == 0.0 { 0.0 } else { difference / e.stderr },
+            z: if difference == 0.0 {
+                0.0
+            } else if e.stderr > 0.0 {
+                difference / e.stderr
+            } else {
+                f64::NAN
+            },
             relvar: e.relvar,
             relvar_bound: check.relvar,
             time_ratio: check.time.map(|t| t.0),
