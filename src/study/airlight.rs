@@ -116,7 +116,8 @@ fn rows(b: &mut Bench, c: &ClosedForm, label: &str) -> Result<()> {
         ("L:d_g", c.derivative("g"), derivative),
     ];
     for (k, (q, known, time)) in truths.into_iter().enumerate() {
-        let relvar = (k == 0).then_some(2.0);
+        // Stated for the listed cases; a strong forward peak beside the light costs more than the distance's 1/r^2.
+        let relvar = (k == 0 && a.g.abs() <= 0.5).then_some(2.0);
         let tolerance = 1e-5 * known.value.abs();
         b.judge(&format!("{q}{label}"), &m, k, Check { known, tolerance, relvar, time });
     }
@@ -126,9 +127,11 @@ fn rows(b: &mut Bench, c: &ClosedForm, label: &str) -> Result<()> {
 
 /// The light stands on the ray: the radiance diverges, and the run must say so.
 pub fn light_on_ray(b: &mut Bench) -> Result<()> {
-    let a = Airlight { h: 0.0, ..benign() };
-    // Every ray exactly through the light.
-    let text = a.text().replace(r#"<scale value="1e-16"/>"#, r#"<scale value="1e-300"/>"#);
+    // Away from the origin, where the film's extent rounds to nothing: every ray goes exactly through the light.
+    let text = Airlight { h: 1.0, ..benign() }
+        .text()
+        .replace("1e0, 0, 1e0", "1, 1, 1")
+        .replace(r#"<scale value="1e-16"/>"#, r#"<scale value="1e-30"/><translate x="1" y="1"/>"#);
     let s = Subject::new(&text, &["sigma_t"])?;
     let outcome = b.pool.install(|| s.job(1 << 12, 1, s.mode()).run(&|_| {}))?;
     let film = &outcome.film;

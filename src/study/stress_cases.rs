@@ -27,6 +27,7 @@ pub fn runner(name: &str) -> Option<Runner> {
         "degenerate-geometry" => policy::degenerate,
         "rng-endpoints" => units::rng_endpoints,
         "film-accumulation" => units::film_accumulation,
+        "airlight-table" => airlight::all_rows,
         _ if name.starts_with("airlight-") => airlight::case,
         _ if name.starts_with("point-irradiance-") => airlight::point_irradiance,
         _ if name.starts_with("T-") => grids::transmittance,
