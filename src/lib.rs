@@ -1,6 +1,7 @@
 //! tyndall: a differentiable volumetric renderer. See ARCHITECTURE.md for the floors and the data that walks through them.
 
 pub mod error;
+pub mod image;
 pub mod light;
 pub mod math;
 pub mod medium;

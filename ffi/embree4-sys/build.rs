@@ -74,7 +74,10 @@ fn main() {
         .generate();
     let bindings = match bindings {
         Ok(b) => b,
-        Err(e) => fail(&format!("bindgen on {}: {e}\nIs libclang there?  sudo apt-get install libclang-dev", header.display())),
+        Err(e) => fail(&format!(
+            "bindgen on {}: {e}\nIs libclang there?  sudo apt-get install libclang-dev",
+            header.display()
+        )),
     };
     let out = PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default()).join("embree.rs");
     if let Err(e) = bindings.write_to_file(&out) {

@@ -23,8 +23,10 @@ fn main() {
         p.join("include/openvdb/openvdb.h").is_file().then_some((p, dir))
     });
     let Some((prefix, library_dir)) = found else {
-        fail("OpenVDB was not found (include/openvdb/openvdb.h and libopenvdb.so below /usr, /usr/local or OPENVDB_DIR).\n\
-              Install it:  sudo apt-get install libopenvdb-dev libboost-dev")
+        fail(
+            "OpenVDB was not found (include/openvdb/openvdb.h and libopenvdb.so below /usr, /usr/local or OPENVDB_DIR).\n\
+              Install it:  sudo apt-get install libopenvdb-dev libboost-dev",
+        )
     };
     let version = version(&prefix.join("include/openvdb/version.h"));
 
@@ -32,7 +34,9 @@ fn main() {
     let system = [prefix.join("include"), PathBuf::from("/usr/include"), PathBuf::from("/usr/local/include")];
     let has = |header: &str| system.iter().any(|d| d.join(header).is_file());
     if version.0 < 12 && !has("boost/any.hpp") {
-        fail("boost's headers were not found, and OpenVDB's need them.\nInstall them:  sudo apt-get install libboost-dev")
+        fail(
+            "boost's headers were not found, and OpenVDB's need them.\nInstall them:  sudo apt-get install libboost-dev",
+        )
     }
     if !has("tbb/parallel_for.h") {
         fail("TBB's headers were not found, and OpenVDB's need them.\nInstall them:  sudo apt-get install libtbb-dev")

@@ -2,7 +2,6 @@
 //! the slots its emission depends on. Emission is `slot value x unit`, so no derivative divides by an intensity.
 
 pub mod envmap;
-pub mod image_io;
 
 use crate::math::{DVec3, Real, Rgb, V3};
 use crate::params::Slot;
@@ -87,12 +86,7 @@ pub fn inverse_square<R: Real>(u: V3<R>) -> R {
 
 impl Light {
     pub fn emission(&self, unit: Rgb) -> Emission {
-        Emission {
-            first: self.slot,
-            per_channel: !matches!(self.kind, LightKind::Envmap(_)),
-            unit,
-            value: self.value,
-        }
+        Emission { first: self.slot, per_channel: !matches!(self.kind, LightKind::Envmap(_)), unit, value: self.value }
     }
 
     /// Zero-measure: only next-event estimation finds it.

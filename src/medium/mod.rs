@@ -31,6 +31,7 @@ pub struct MediumSlots {
     pub albedo: Slot,
     pub scale: Slot,
     pub g: Slot,
+    pub emission: Slot,
 }
 
 pub const NO_SLOT: Slot = Slot::MAX;
@@ -42,6 +43,8 @@ pub struct Medium {
     pub density: Volume,
     pub scale: f64,
     pub albedo: Volume,
+    /// Emitted radiance L_e, multiplied by sigma_a [S](4).
+    pub emission: Option<Volume>,
     pub phase: Phase,
     pub slots: MediumSlots,
     /// Extinction and scattering of a homogeneous medium; of a grid medium, the largest ones.
@@ -81,6 +84,30 @@ impl Medium {
         }
         let t = self.density.at(p) * self.scale;
         (t, t * self.albedo.at(p))
+    }
+
+    /// `d sigma_a / d slot` at a world point for every active slot, per channel.
+    pub fn sigma_a_partials(&self, params: &ParamSet, p: DVec3, mut f: impl FnMut(Slot, Rgb)) {
+        let s = &self.slots;
+        let (density, rest) = (self.density.at(p), Rgb::ONE - self.albedo.at(p));
+        if s.scale != NO_SLOT && params.is_active(s.scale) {
+            f(s.scale, density * rest);
+        }
+        for c in 0..3 {
+            if s.sigma_t != NO_SLOT && params.is_active(s.sigma_t + c as Slot) {
+                f(s.sigma_t + c as Slot, Rgb::channel(c, self.scale * rest[c]));
+            }
+            if s.albedo != NO_SLOT && params.is_active(s.albedo + c as Slot) {
+                f(s.albedo + c as Slot, Rgb::channel(c, -self.scale * density[c]));
+            }
+        }
+    }
+
+    /// Emission per unit length at a world point without its extinction: `(sigma_a, L_e)` [T](2).
+    pub fn glow(&self, p: DVec3) -> Option<(Rgb, Rgb)> {
+        let e = self.emission.as_ref()?;
+        let (sigma_t, sigma_s) = self.coefficients(p);
+        Some((sigma_t - sigma_s, e.at(p)))
     }
 
     /// `d sigma_s / d slot` at a world point for every active slot, per channel.

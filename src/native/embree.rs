@@ -91,7 +91,7 @@ struct Frame {
 
 /// Collects geometry for a [`Bvh`].
 pub struct SceneBuilder {
-    geometries: Vec<Box<Geometry>>,
+    geometries: Vec<Geometry>,
     lo: DVec3,
     hi: DVec3,
 }
@@ -125,7 +125,7 @@ impl SceneBuilder {
             self.lo = self.lo.min(vertices[v as usize]);
             self.hi = self.hi.max(vertices[v as usize]);
         }
-        self.geometries.push(Box::new(Geometry::Mesh(Mesh { id, vertices, faces })));
+        self.geometries.push(Geometry::Mesh(Mesh { id, vertices, faces }));
         Ok(id)
     }
 
@@ -143,7 +143,7 @@ impl SceneBuilder {
             self.hi = self.hi.max(*b);
         }
         let frame = Frame { centre: DVec3::ZERO, scale: 1.0 };
-        self.geometries.push(Box::new(Geometry::User(User { id, bounds, frame, prims })));
+        self.geometries.push(Geometry::User(User { id, bounds, frame, prims }));
         Ok(id)
     }
 
@@ -172,19 +172,18 @@ impl SceneBuilder {
             return Err(Error::Runtime(format!("the scene's size {radius:e} is out of range")));
         }
         for g in &mut self.geometries {
-            if let Geometry::User(u) = g.as_mut() {
+            if let Geometry::User(u) = g {
                 u.frame = frame;
             }
         }
 
-        // Geometries are boxed: Embree keeps their addresses.
         let device = Device::new()?;
         // SAFETY: the device is alive; a null scene is caught by `check`.
         let scene = unsafe { sys::rtcNewScene(device.handle) };
         device.check("new scene")?;
         let bvh = Bvh {
             scene,
-            geometries: self.geometries,
+            geometries: self.geometries.into_boxed_slice(),
             frame,
             lo: self.lo,
             hi: self.hi,
@@ -219,7 +218,8 @@ impl Geometry {
 /// A committed scene. Queries may run from any number of threads.
 pub struct Bvh {
     scene: sys::RTCScene,
-    geometries: Vec<Box<Geometry>>,
+    /// Never moved or changed: Embree keeps their addresses.
+    geometries: Box<[Geometry]>,
     frame: Frame,
     lo: DVec3,
     hi: DVec3,
@@ -273,7 +273,7 @@ impl Bvh {
         let own: usize = self
             .geometries
             .iter()
-            .map(|g| match g.as_ref() {
+            .map(|g| match g {
                 Geometry::Mesh(m) => size_of_val(&*m.vertices) + size_of_val(&*m.faces),
                 Geometry::User(u) => size_of_val(&*u.bounds),
             })
@@ -317,8 +317,8 @@ impl Bvh {
         let (lo, hi) = self.grown;
         let (mut t0, mut t1) = (0.0_f64, ray.t_max);
         for k in 0..3 {
-            if ray.d[k] != 0.0 {
-                let inv = ray.d[k].recip();
+            let inv = ray.d[k].recip();
+            if inv.is_finite() {
                 let (a, b) = ((lo[k] - ray.o[k]) * inv, (hi[k] - ray.o[k]) * inv);
                 t0 = t0.max(a.min(b));
                 t1 = t1.min(a.max(b));
@@ -326,14 +326,13 @@ impl Bvh {
                 return None;
             }
         }
-        // Also false for NaN.
-        if !(t0 <= t1) {
+        if t0 > t1 {
             return None;
         }
         let slack = SLACK / self.frame.scale;
         let t_start = t0 - slack;
         let tfar = ((t1 - t_start) * self.frame.scale + SLACK) as f32;
-        let start = ray.exclude.and_then(|(g, p)| match self.geometries.get(g as usize)?.as_ref() {
+        let start = ray.exclude.and_then(|(g, p)| match self.geometries.get(g as usize)? {
             Geometry::Mesh(m) => m.triangle(p).filter(|t| t.n != DVec3::ZERO),
             Geometry::User(_) => None,
         });
@@ -346,10 +345,11 @@ impl Bvh {
         let user_ptr = (g as *const Geometry).cast_mut().cast::<c_void>();
         match g {
             Geometry::Mesh(m) => {
-                // SAFETY: buffers of exactly the sizes written are asked for and tested for null; `user_ptr` names a boxed
+                // SAFETY: buffers of exactly the sizes written are asked for and tested for null; `user_ptr` names a
                 // geometry that outlives the scene; the callbacks are for triangles.
                 unsafe {
-                    let geom = sys::rtcNewGeometry(self.device.handle, sys::RTCGeometryType::RTC_GEOMETRY_TYPE_TRIANGLE);
+                    let geom =
+                        sys::rtcNewGeometry(self.device.handle, sys::RTCGeometryType::RTC_GEOMETRY_TYPE_TRIANGLE);
                     let guard = GeometryGuard(geom);
                     self.device.check("new geometry")?;
                     let v = sys::rtcSetNewGeometryBuffer(
@@ -560,7 +560,7 @@ impl Query<'_> {
 
 unsafe extern "C" fn filter_intersect(args: *const sys::RTCFilterFunctionNArguments) {
     // SAFETY: Embree's arguments; the context is the first field of a `Query` that `intersect` made, the user pointer a
-    // boxed `Geometry` of the scene.
+    // `Geometry` of the scene.
     unsafe {
         let a = &*args;
         let q = &mut *a.context.cast::<Query>();
@@ -588,7 +588,7 @@ unsafe extern "C" fn filter_occluded(args: *const sys::RTCFilterFunctionNArgumen
 }
 
 unsafe extern "C" fn user_bounds(args: *const sys::RTCBoundsFunctionArguments) {
-    // SAFETY: Embree's arguments; the user pointer is a boxed `Geometry` of the scene, whose frame is set before the build.
+    // SAFETY: Embree's arguments; the user pointer is a `Geometry` of the scene, whose frame is set before the build.
     unsafe {
         let a = &*args;
         let Geometry::User(u) = &*a.geometryUserPtr.cast::<Geometry>() else { return };
@@ -751,8 +751,10 @@ fn examine() -> Result<String> {
         let geom = sys::rtcNewGeometry(device.handle, sys::RTCGeometryType::RTC_GEOMETRY_TYPE_TRIANGLE);
         let _guard = GeometryGuard(geom);
         let buffer = |kind, format, n| sys::rtcSetNewGeometryBuffer(geom, kind, 0, format, 12, n);
-        let p = buffer(sys::RTCBufferType::RTC_BUFFER_TYPE_VERTEX, sys::RTCFormat::RTC_FORMAT_FLOAT3, 3).cast::<[f32; 3]>();
-        let f = buffer(sys::RTCBufferType::RTC_BUFFER_TYPE_INDEX, sys::RTCFormat::RTC_FORMAT_UINT3, 1).cast::<[u32; 3]>();
+        let p =
+            buffer(sys::RTCBufferType::RTC_BUFFER_TYPE_VERTEX, sys::RTCFormat::RTC_FORMAT_FLOAT3, 3).cast::<[f32; 3]>();
+        let f =
+            buffer(sys::RTCBufferType::RTC_BUFFER_TYPE_INDEX, sys::RTCFormat::RTC_FORMAT_UINT3, 1).cast::<[u32; 3]>();
         device.check("probe")?;
         if p.is_null() || f.is_null() {
             sys::rtcReleaseScene(scene);

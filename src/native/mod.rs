@@ -6,3 +6,4 @@
 
 pub mod embree;
 pub mod vdb;
+mod vdb_frame;

@@ -3,15 +3,15 @@
 //! OpenVDB works only here, at load and write-back; rendering reads what Rust owns. Index space has voxel *centres* at
 //! integers: world = `world_from_index` * (i, j, k).
 //!
-//! OpenVDB trusts the counts in a file: it allocates what they say before it reads. So the frame of a file (strings,
-//! metadata, offsets) is checked against the file's length before OpenVDB sees it, and behind that every short read throws.
+//! OpenVDB trusts the counts in a file: it allocates what they say before it reads, and reads a raw block of any stated
+//! length into its buffer before it compares the two. So `vdb_frame` walks a file before OpenVDB sees it.
 
 use crate::error::{Error, Result};
 use crate::math::{DAffine3, DMat4, DVec3};
+use crate::native::vdb_frame::Frame;
 use openvdb_sys as sys;
+use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};
-use std::fs::File;
-use std::io::{BufReader, Read};
 use std::path::Path;
 
 /// Edge of a leaf, in voxels.
@@ -206,7 +206,11 @@ fn write_file(temporary: &Path, path: &Path, grids: &[WriteGrid], compression: C
         // Tiles first: a leaf within one takes its place.
         for t in &g.tiles {
             if ![8, 128, 4096].contains(&t.size) || !aligned(t.origin, t.size) {
-                return Err(damage(path, &g.name, &format!("no tile of edge {} at {:?} is possible", t.size, t.origin)));
+                return Err(damage(
+                    path,
+                    &g.name,
+                    &format!("no tile of edge {} at {:?} is possible", t.size, t.origin),
+                ));
             }
             // SAFETY: three numbers.
             call(path, &g.name, |e, n| unsafe {
@@ -215,7 +219,8 @@ fn write_file(temporary: &Path, path: &Path, grids: &[WriteGrid], compression: C
         }
         for l in &g.leaves {
             if l.values.len() != LEAF_VOXELS || !aligned(l.origin, LEAF) {
-                let what = format!("leaf at {:?} with {} values: 512 at multiples of 8 are needed", l.origin, l.values.len());
+                let what =
+                    format!("leaf at {:?} with {} values: 512 at multiples of 8 are needed", l.origin, l.values.len());
                 return Err(damage(path, &g.name, &what));
             }
             // SAFETY: 3, 8 and 512 numbers.
@@ -237,6 +242,7 @@ fn write_file(temporary: &Path, path: &Path, grids: &[WriteGrid], compression: C
 /// A file whose frame was checked, open in OpenVDB.
 struct Open<'a> {
     path: &'a Path,
+    frame: RefCell<Frame>,
     handle: *mut sys::tvdb_file,
 }
 
@@ -249,8 +255,10 @@ impl Drop for Open<'_> {
 
 impl<'a> Open<'a> {
     fn new(path: &'a Path) -> Result<Self> {
-        check_frame(path)?;
-        let mut file = Open { path, handle: std::ptr::null_mut() };
+        // SAFETY: a constant of the library.
+        let newest = unsafe { sys::tvdb_file_version() };
+        let frame = RefCell::new(Frame::open(path, newest)?);
+        let mut file = Open { path, frame, handle: std::ptr::null_mut() };
         let c = c_path(path)?;
         // SAFETY: a C string; the handle goes into `file`, which closes it.
         call(path, "", |e, n| unsafe { sys::tvdb_open(c.as_ptr(), &mut file.handle, e, n) })?;
@@ -284,7 +292,12 @@ impl<'a> Open<'a> {
         })
     }
 
+    fn check_tree(&self, i: usize, with_values: bool) -> Result<()> {
+        self.frame.borrow_mut().check_tree(i, with_values).map_err(|what| damage(self.path, &self.name(i), &what))
+    }
+
     fn stats(&self, i: usize) -> Result<GridInfo> {
+        self.check_tree(i, false)?;
         let mut raw = std::mem::MaybeUninit::<sys::tvdb_info>::zeroed();
         // SAFETY: an open handle and room for one description.
         call(self.path, &self.name(i), |e, n| unsafe { sys::tvdb_stats(self.handle, i, raw.as_mut_ptr(), e, n) })?;
@@ -293,6 +306,7 @@ impl<'a> Open<'a> {
     }
 
     fn load(&self, i: usize) -> Result<Loaded> {
+        self.check_tree(i, true)?;
         let mut raw = std::mem::MaybeUninit::<sys::tvdb_info>::zeroed();
         let name = self.name(i);
         let mut handle = std::ptr::null_mut();
@@ -441,158 +455,5 @@ unsafe fn grid_info(index: usize, raw: &sys::tvdb_info) -> GridInfo {
         bbox: (raw.active_voxels > 0).then_some((raw.lo, raw.hi)),
         stored_half: raw.stored_half != 0,
         memory: raw.memory,
-    }
-}
-
-/// Walk a file's frame (header, metadata, descriptors, each grid's metadata) and hold it against the file's length.
-fn check_frame(path: &Path) -> Result<()> {
-    let io = |source| Error::Io { what: path.display().to_string(), source };
-    let file = File::open(path).map_err(io)?;
-    let about = file.metadata().map_err(io)?;
-    if !about.is_file() {
-        return Err(damage(path, "", "it is not a file"));
-    }
-    let mut frame = Frame { r: BufReader::new(file), length: about.len(), at: 0 };
-    frame.check().map_err(|what| damage(path, "", &what))
-}
-
-/// A reader that knows where it is and where the file ends.
-struct Frame {
-    r: BufReader<File>,
-    length: u64,
-    at: u64,
-}
-
-type Checked<T> = std::result::Result<T, String>;
-
-impl Frame {
-    fn check(&mut self) -> Checked<()> {
-        let magic = self.bytes::<8>().unwrap_or_default();
-        if magic != [0x20, b'B', b'D', b'V', 0, 0, 0, 0] {
-            return Err("it is not a VDB file".into());
-        }
-        let format = self.u32()?;
-        // SAFETY: a constant of the library.
-        let newest = unsafe { sys::tvdb_file_version() };
-        if format < 222 {
-            return Err(format!("its format {format} is older than OpenVDB 1.1; write it again with a newer program"));
-        }
-        if format > newest {
-            return Err(format!("its format {format} is newer than OpenVDB {} can read (damaged file?)", version()));
-        }
-        let _library_version = self.bytes::<8>()?;
-        let [offsets] = self.bytes::<1>()?;
-        let _uuid = self.bytes::<36>()?;
-        self.metadata()?;
-        let grids = self.u32()?;
-        if offsets != 1 {
-            return Err(match offsets {
-                0 => "it was written as a stream, without grid offsets; write it again as a file".into(),
-                _ => "its header is damaged".to_string(),
-            });
-        }
-        for i in 0..grids {
-            let name = self.string()?;
-            self.string()?;
-            self.string()?;
-            let (start, blocks, end) = (self.i64()?, self.i64()?, self.i64()?);
-            let here = self.at;
-            if end as u64 > self.length && end >= 0 {
-                return Err(format!(
-                    "it is cut: grid {i} (`{name}`) ends at byte {end}, but the file has {} bytes",
-                    self.length
-                ));
-            }
-            if start < here as i64 || blocks < start || end < blocks {
-                return Err(format!("the offsets of grid {i} (`{name}`) are damaged: {start}, {blocks}, {end} at byte {here}"));
-            }
-            self.seek(start as u64)?;
-            let _compression = self.u32()?;
-            self.metadata()?;
-            self.string()?;
-            if self.at > end as u64 {
-                return Err(format!("grid {i} (`{name}`) runs over its end"));
-            }
-            self.seek(end as u64)?;
-        }
-        Ok(())
-    }
-
-    fn metadata(&mut self) -> Checked<()> {
-        let n = self.u32()?;
-        for _ in 0..n {
-            let name = self.string()?;
-            let kind = self.string()?;
-            let size = u64::from(self.u32()?);
-            let end = self.room(size)?;
-            let fixed = match kind.as_str() {
-                "bool" => Some(1),
-                "int32" | "float" => Some(4),
-                "int64" | "double" | "vec2i" | "vec2s" => Some(8),
-                "vec3i" | "vec3s" => Some(12),
-                "vec2d" | "vec4i" | "vec4s" | "quats" => Some(16),
-                "vec3d" => Some(24),
-                "vec4d" | "quatd" => Some(32),
-                "mat3s" => Some(36),
-                "mat4s" => Some(64),
-                "mat3d" => Some(72),
-                "mat4d" => Some(128),
-                _ => None,
-            };
-            if fixed.is_some_and(|f| f != size) {
-                return Err(format!("metadata `{name}` of type {kind} has {size} bytes (damaged file)"));
-            }
-            // Its count makes OpenVDB allocate: it is a number of leaves, each of which has its mask in the file.
-            if kind == "__delayedload" && size >= 4 {
-                let leaves = u64::from(self.u32()?);
-                if leaves * 64 > self.length {
-                    return Err(format!("metadata `{name}` counts {leaves} leaves (damaged file)"));
-                }
-            }
-            self.seek(end)?;
-        }
-        Ok(())
-    }
-
-    /// The position `n` bytes on, if the file goes so far.
-    fn room(&self, n: u64) -> Checked<u64> {
-        let end = self.at.checked_add(n).filter(|&e| e <= self.length);
-        end.ok_or_else(|| format!("it is cut or damaged: {n} bytes are wanted at byte {} of {}", self.at, self.length))
-    }
-
-    fn seek(&mut self, to: u64) -> Checked<()> {
-        let by = to as i64 - self.at as i64;
-        self.r.seek_relative(by).map_err(|e| e.to_string())?;
-        self.at = to;
-        Ok(())
-    }
-
-    fn bytes<const N: usize>(&mut self) -> Checked<[u8; N]> {
-        let end = self.room(N as u64)?;
-        let mut b = [0; N];
-        self.r.read_exact(&mut b).map_err(|e| e.to_string())?;
-        self.at = end;
-        Ok(b)
-    }
-
-    fn u32(&mut self) -> Checked<u32> {
-        self.bytes().map(u32::from_le_bytes)
-    }
-
-    fn i64(&mut self) -> Checked<i64> {
-        self.bytes().map(i64::from_le_bytes)
-    }
-
-    fn string(&mut self) -> Checked<String> {
-        let n = u64::from(self.u32()?);
-        let end = self.room(n)?;
-        let mut s = String::new();
-        // Only the head is of interest, for messages and types.
-        let mut b = vec![0; n.min(256) as usize];
-        self.r.read_exact(&mut b).map_err(|e| e.to_string())?;
-        s.push_str(&String::from_utf8_lossy(&b));
-        self.r.seek_relative((n - b.len() as u64) as i64).map_err(|e| e.to_string())?;
-        self.at = end;
-        Ok(s)
     }
 }

@@ -20,6 +20,8 @@ pub enum Quantity {
     Reflectance,
     /// Radiance, intensity or irradiance of a light, per channel.
     Emission,
+    /// Emitted radiance of a medium, per channel (multiplied by sigma_a).
+    Glow,
     /// Factor on an environment map.
     EnvironmentScale,
 }
@@ -32,7 +34,7 @@ impl Quantity {
             Quantity::MediumScale => "scale",
             Quantity::G => "g",
             Quantity::Reflectance => "reflectance",
-            Quantity::Emission => "emission",
+            Quantity::Emission | Quantity::Glow => "emission",
             Quantity::EnvironmentScale => "scale",
         }
     }

@@ -26,7 +26,7 @@ const VALUE_LIMIT: f64 = (1u128 << 84) as f64;
 /// |high word| of a sum where the range is nearly used up. One value changes it by at most 2^20: the wrap at 2^31 is never reached unseen.
 const HIGH_LIMIT: u32 = 1 << 30;
 /// Quantum exponents lie in +-400, so that their squares are ordinary f64.
-const EXPONENT_LIMIT: i32 = 400;
+const EXPONENTS: std::ops::RangeInclusive<i32> = -400..=400;
 /// A layer's typical value is 2^46 quanta: resolution 1.4e-14 of it, values up to 2.7e11 times it.
 const TYPICAL_BITS: i32 = 46;
 
@@ -46,7 +46,7 @@ impl FilmSpec {
     /// Zero or non-finite: as for 1.
     pub fn quantum_for(typical: f64) -> i32 {
         let exponent = if typical.is_finite() && typical != 0.0 { typical.abs().log2().floor() as i32 } else { 0 };
-        (exponent - TYPICAL_BITS).clamp(-EXPONENT_LIMIT, EXPONENT_LIMIT)
+        (exponent - TYPICAL_BITS).clamp(*EXPONENTS.start(), *EXPONENTS.end())
     }
 
     pub fn pixels(&self) -> usize {
@@ -89,12 +89,18 @@ pub struct Film {
 }
 
 impl Film {
-    /// Panics where the spec contradicts itself: a mistake of the caller, never of a user.
+    /// Panics where [`Film::try_new`] fails: a mistake of the caller.
     pub fn new(spec: FilmSpec) -> Self {
-        assert_eq!(spec.layers.len(), spec.quantum.len(), "one quantum a layer");
-        assert!(spec.quantum.iter().all(|q| q.abs() <= EXPONENT_LIMIT), "quantum exponent out of range");
+        Self::try_new(spec).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    /// An empty film; an error where the spec contradicts itself.
+    pub fn try_new(spec: FilmSpec) -> Result<Self> {
+        if spec.layers.len() != spec.quantum.len() || spec.quantum.iter().any(|q| !EXPONENTS.contains(q)) {
+            return Err(Error::Runtime("a film needs one quantum a layer, of exponent -400 to 400".into()));
+        }
         let cells = spec.layers.len() * spec.pixels() * 3;
-        Film {
+        Ok(Film {
             scale: spec.quantum.iter().map(|&q| power_of_two(-q)).collect(),
             current_low: (0..cells).map(|_| AtomicU64::new(0)).collect(),
             current_high: (0..cells).map(|_| AtomicI32::new(0)).collect(),
@@ -105,7 +111,7 @@ impl Film {
             batches: Vec::new(),
             health: Health::new(),
             spec,
-        }
+        })
     }
 
     pub fn spec(&self) -> &FilmSpec {

@@ -1,13 +1,11 @@
 //! Numbers to files: the film and its health, EXR, previews, plots and the report.
 
 pub mod driver;
-pub mod exr;
 pub mod film;
+pub mod film_state;
 pub mod filter;
 mod font;
 pub mod health;
-pub mod image_io;
-pub mod output;
 pub mod plan;
 pub mod plot;
 pub mod png;

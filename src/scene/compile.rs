@@ -10,7 +10,6 @@ use crate::light::{Light, LightKind};
 use crate::math::discrete::Discrete;
 use crate::math::{DMat3, DVec3, Rgb};
 use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
-use crate::native::embree;
 use crate::params::{ParamSet, Quantity, SlotTable};
 use crate::phase::Phase;
 use crate::sensor::{Projection, Sensor};
@@ -61,10 +60,8 @@ impl Scene {
             bounds = l.center().map_or(bounds, |c| bounds.with_point(c));
         }
         set_kappa(&mut media, &shapes, &bounds);
-        let environment = lights
-            .iter()
-            .position(|l| matches!(l.kind, LightKind::Constant | LightKind::Envmap(_)))
-            .map(|i| i as u32);
+        let environment =
+            lights.iter().position(|l| matches!(l.kind, LightKind::Constant | LightKind::Envmap(_))).map(|i| i as u32);
         let (opaque, null) = groups(&shapes, &surfaces)?;
         let i = parts.integrator;
         let mut scene = Scene {
@@ -191,6 +188,7 @@ fn medium(
             return Err(Error::scene(&m.span, what, "an albedo lies between 0 and 1"));
         }
     }
+    let emission = m.emission.as_ref().map(|v| volume(v, options, warnings)).transpose()?;
     let largest = |v: &Volume| match v {
         Volume::Constant(c) => *c,
         Volume::Grid(g) => Rgb(g.max3()),
@@ -209,6 +207,7 @@ fn medium(
         gray,
         density,
         albedo,
+        emission,
         scale: m.scale,
         phase: m.g.map_or(Phase::Isotropic, |g| Phase::Hg { g }),
         slots: MediumSlots {
@@ -216,6 +215,7 @@ fn medium(
             albedo: slot_of(slots, &m.name, Quantity::Albedo),
             scale: slot_of(slots, &m.name, Quantity::MediumScale),
             g: slot_of(slots, &m.name, Quantity::G),
+            emission: slot_of(slots, &m.name, Quantity::Glow),
         },
         kappa: 1.0,
     })
@@ -258,15 +258,15 @@ fn light(l: &super::parts::LightPart<f64>, slots: &SlotTable) -> Result<Light> {
         LightKindPart::Constant => LightKind::Constant,
         LightKindPart::Envmap { path, to_world } => {
             quantity = Quantity::EnvironmentScale;
-            let image = crate::light::image_io::load(path)
-                .map_err(|e| Error::scene(&l.span, e.to_string(), "use an .exr or .hdr equirectangular image"))?;
+            let image = crate::image::environment::load_environment(path)
+                .map_err(|e| Error::scene(&l.span, e.to_string(), "use an equirectangular .exr or .hdr image"))?;
             let m = to_world.affine().matrix3;
             let turn = DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());
             if (turn.transpose() * turn - DMat3::IDENTITY).abs().to_cols_array().iter().any(|x| *x > 1e-9) {
                 let what = "the environment map's to_world is not a rotation";
                 return Err(Error::scene(&l.span, what, "rotate it only: scale and shear have no meaning at infinity"));
             }
-            LightKind::Envmap(Box::new(Envmap::new(image.width, image.height, image.texels, turn)))
+            LightKind::Envmap(Box::new(Envmap::new(image.width, image.height, image.pixels, turn)))
         }
     };
     Ok(Light { name: l.name.clone(), kind, value: Rgb(l.value), slot: slot_of(slots, &l.name, quantity) })
@@ -302,28 +302,10 @@ fn set_kappa(media: &mut [Medium], shapes: &[Instance], bounds: &Bounds) {
     }
 }
 
-/// Opaque shapes and null interfaces, each with its own Embree scene for meshes.
+/// Opaque shapes and null interfaces, each with its own Embree scene.
 fn groups(shapes: &[Instance], surfaces: &[Surface]) -> Result<(Group, Group)> {
-    let mut out = Vec::new();
-    for null in [false, true] {
-        let mut g = Group::default();
-        let mut builder = None;
-        for (i, s) in shapes.iter().enumerate().filter(|(_, s)| surfaces[s.surface as usize].is_null() == null) {
-            if let Shape::Mesh(m) = &s.shape {
-                let b: &mut embree::SceneBuilder = match &mut builder {
-                    Some(b) => b,
-                    none => none.insert(embree::SceneBuilder::new()?),
-                };
-                b.add_triangles(m.vertices.clone(), m.faces.clone())?;
-                g.geometry.push(i as u32);
-            } else {
-                g.simple.push(i as u32);
-            }
-        }
-        g.bvh = builder.map(embree::SceneBuilder::commit).transpose()?;
-        out.push(g);
-    }
-    let null = out.pop().unwrap_or_default();
-    let opaque = out.pop().unwrap_or_default();
-    Ok((opaque, null))
+    let members = |null: bool| -> Vec<u32> {
+        (0..shapes.len() as u32).filter(|&i| surfaces[shapes[i as usize].surface as usize].is_null() == null).collect()
+    };
+    Ok((Group::build(shapes, &members(false))?, Group::build(shapes, &members(true))?))
 }

@@ -150,3 +150,72 @@ pub fn suggest<'a>(name: &str, valid: impl IntoIterator<Item = &'a str>) -> Stri
         None => format!("valid here: {list}"),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(body: &str, given: &[(&str, &str)]) -> Result<SceneDesc> {
+        let given: Vec<_> = given.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
+        SceneDesc::parse(&format!("<scene version=\"3.0.0\">{body}</scene>"), Path::new("test.xml"), &given)
+    }
+
+    const MOVING: &str = r#"<default name="x" value="2"/><default name="r" value="0.5"/>
+        <?diff param="x" min="-1" max="3"?> <?other thing?>
+        <shape type="sphere"><point name="center" value="1, $x, -$r"/><float name="radius" value="$x"/>
+        <transform name="to_world"><translate x="$x"/><scale value="$x"/></transform></shape>"#;
+
+    #[test]
+    fn a_parameter_carries_its_derivative_everywhere() {
+        let desc = parse(MOVING, &[]).unwrap();
+        let (x, shape) = (desc.wrt("x").unwrap(), desc.root.child("shape").unwrap().unwrap());
+        let env = desc.dual(x);
+        let c = shape.point(&env, "center", glam::DVec3::ZERO).unwrap();
+        assert_eq!((c.value(), c.tangent()), (glam::DVec3::new(1.0, 2.0, -0.5), glam::DVec3::Y));
+        assert_eq!(shape.float(&env, "radius", 1.0).unwrap(), Dual::variable(2.0, 0));
+        // Translate first, then scale: x -> x (x + p), whose slope at p = 0 is 2 x.
+        let m = shape.transform(&env, "to_world").unwrap();
+        assert_eq!((m.m[0][3].v, m.m[0][3].d), (4.0, [4.0]));
+        assert_eq!(desc.params[x].hint, DiffHint { min: Some(-1.0), max: Some(3.0), step: None });
+        assert_eq!((desc.params[x].real_uses, desc.params[1].minus_uses), (4, 1));
+        assert!(desc.wrt("r").unwrap_err().to_string().contains("`-$r`"));
+        desc.finish().unwrap();
+    }
+
+    #[test]
+    fn overrides_replace_defaults_and_must_be_used() {
+        let desc = parse(MOVING, &[("x", "7")]).unwrap();
+        assert_eq!(desc.params[0].value, 7.0);
+        assert_ne!(desc.hash, parse(MOVING, &[]).unwrap().hash);
+        assert_eq!(desc.hash, parse(MOVING, &[("x", "7")]).unwrap().hash);
+        // A parameter may exist by -D alone.
+        let only = "<shape type=\"sphere\"><float name=\"radius\" value=\"$q\"/></shape>";
+        assert_eq!(parse(only, &[("q", "3")]).unwrap().params[0].value, 3.0);
+        for (given, part) in [
+            (vec![("y", "1")], "`-D y`: the scene never uses `$y`"),
+            (vec![("x", "1"), ("x", "2")], "given twice"),
+            (vec![("a b", "1")], "not a parameter name"),
+            (vec![("x", "inf")], "`inf` is not a finite number"),
+            (vec![("r", "-1")], "`--1` is not a number"),
+        ] {
+            let e = parse(MOVING, &given).unwrap_err().to_string();
+            assert!(e.contains(part) && e.contains("help: "), "{e}");
+        }
+    }
+
+    #[test]
+    fn unused_things_are_warnings() {
+        let desc = parse("<default name=\"x\" value=\"1\"/><bsdf type=\"diffuse\" id=\"a\"/>", &[]).unwrap();
+        assert_eq!(desc.warnings.len(), 2);
+        desc.finish().unwrap();
+    }
+
+    #[test]
+    fn suggestions_are_near() {
+        let valid = ["radius", "center", "to_world"];
+        assert_eq!(nearest("toWorld", valid), Some("to_world"));
+        assert_eq!(nearest("raduis", valid), Some("radius"));
+        assert_eq!(nearest("filename", valid), None);
+        assert_eq!(nearest("", valid), None);
+    }
+}

@@ -60,6 +60,8 @@ pub struct MediumPart<R> {
     pub span: Span,
     pub density: VolumePart<R>,
     pub albedo: VolumePart<R>,
+    /// Emitted radiance L_e, multiplied by sigma_a.
+    pub emission: Option<VolumePart<R>>,
     pub scale: R,
     /// `None` = isotropic.
     pub g: Option<R>,
@@ -172,6 +174,9 @@ impl<R: Real> Parts<R> {
             }
             v.push((m.name.clone(), Quantity::MediumScale, vec![m.scale]));
             v.push((m.name.clone(), Quantity::G, m.g.into_iter().collect()));
+            if let Some(VolumePart::Constant(c)) = &m.emission {
+                v.push((m.name.clone(), Quantity::Glow, c.to_vec()));
+            }
         }
         for (s, name) in self.surfaces.iter().zip(&self.surface_names) {
             if let SurfacePart::Diffuse { reflectance, .. } = s {
@@ -216,7 +221,8 @@ impl<R: Real> Parts<R> {
             }
         }
         for (i, m) in self.media.iter().enumerate() {
-            for t in [&m.density, &m.albedo].into_iter().filter_map(VolumePart::to_world) {
+            let volumes = [Some(&m.density), Some(&m.albedo), m.emission.as_ref()];
+            for t in volumes.into_iter().flatten().filter_map(VolumePart::to_world) {
                 v.push((Movable::Volume(i), flat(t)));
             }
         }
@@ -309,9 +315,7 @@ impl<R: Real> Reader<'_, R> {
     pub fn medium_child(&mut self, n: &Node, name: &str) -> Result<Option<usize>> {
         match n.named(name)? {
             Some(m) if m.tag == "medium" => Ok(Some(self.medium(m)?)),
-            Some(m) => {
-                Err(n.err(name, format!("`{name}` is a <{}>", m.tag), "refer to a <medium> here"))
-            }
+            Some(m) => Err(n.err(name, format!("`{name}` is a <{}>", m.tag), "refer to a <medium> here")),
             None => Ok(None),
         }
     }

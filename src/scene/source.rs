@@ -52,6 +52,10 @@ impl<'t> Source<'t> {
 
     /// Parse as XML; errors at their place.
     pub fn document(&self) -> Result<roxmltree::Document<'t>> {
+        if let Some(byte) = too_deep(self.text) {
+            let what = format!("XML: elements are nested deeper than {DEEPEST_XML} levels");
+            return Err(Error::scene(&self.span(byte), what, "flatten the scene: use `id` and <ref>"));
+        }
         roxmltree::Document::parse(self.text).map_err(|e| {
             use roxmltree::Error as X;
             // Some errors know no place: they belong to the end of the file, or to its beginning.
@@ -134,6 +138,49 @@ impl<'t> Source<'t> {
     /// A property name in today's spelling.
     pub fn modern(&self, name: String) -> String {
         if self.upgrade { snake_case(&name) } else { name }
+    }
+}
+
+/// Elements inside elements, values included. The XML parser calls itself for each level.
+const DEEPEST_XML: usize = 128;
+
+/// The byte at which elements are nested too deeply. What is no XML is left to the parser.
+fn too_deep(text: &str) -> Option<usize> {
+    let (mut depth, mut at) = (0usize, 0);
+    loop {
+        at += text[at..].find('<')?;
+        let rest = &text[at..];
+        let end = |mark: &str| rest.find(mark).map(|n| n + mark.len());
+        at += if rest.starts_with("<!--") {
+            end("-->")?
+        } else if rest.starts_with("<![CDATA[") {
+            end("]]>")?
+        } else if rest.starts_with("<?") {
+            end("?>")?
+        } else if rest.starts_with("</") {
+            depth = depth.saturating_sub(1);
+            end(">")?
+        } else {
+            // A `>` inside quotes does not close the tag.
+            let mut quote = None;
+            let close = rest.bytes().position(|b| match (quote, b) {
+                (None, b'"' | b'\'') => {
+                    quote = Some(b);
+                    false
+                }
+                (None, b'>') => true,
+                (Some(q), _) if q == b => {
+                    quote = None;
+                    false
+                }
+                _ => false,
+            })?;
+            depth += usize::from(!rest[..close].ends_with('/'));
+            if depth > DEEPEST_XML {
+                return Some(at);
+            }
+            close + 1
+        };
     }
 }
 

@@ -214,3 +214,78 @@ fn unit<R: Real>(v: V3<R>) -> V3<R> {
     let size = v.value().abs().max_element();
     if size > 0.0 && size.is_finite() { (v * R::from(size.recip())).normalize() } else { v.normalize() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn v(x: f64, y: f64, z: f64) -> V3<f64> {
+        V3::new(x, y, z)
+    }
+
+    fn close(a: DMat4, b: DMat4) {
+        assert!(a.abs_diff_eq(b, 1e-14), "{a}\n{b}");
+    }
+
+    #[test]
+    fn operations_agree_with_glam() {
+        let axis = DVec3::new(1.0, -2.0, 0.5);
+        let r = rotate(V3::constant(axis), 37.0).unwrap();
+        close(r.value(), DMat4::from_axis_angle(axis.normalize(), 37f64.to_radians()));
+        let (t, s) = (translate(v(1.0, 2.0, 3.0)), scale(v(2.0, 3.0, 0.5)));
+        let m = t * r * s;
+        let expected = DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0))
+            * DMat4::from_axis_angle(axis.normalize(), 37f64.to_radians())
+            * DMat4::from_scale(DVec3::new(2.0, 3.0, 0.5));
+        close(m.value(), expected);
+        close(m.inverse().value(), expected.inverse());
+        close((m * m.inverse()).value(), DMat4::IDENTITY);
+        let p = DVec3::new(0.3, 0.7, -1.1);
+        assert!((m.point(V3::constant(p)).value() - expected.transform_point3(p)).length() < 1e-14);
+        assert!((m.vector(V3::constant(p)).value() - m.affine().transform_vector3(p)).length() < 1e-14);
+        m.check().unwrap();
+    }
+
+    #[test]
+    fn look_at_looks_along_z_with_x_to_the_left() {
+        let m = look_at(v(0.0, 0.0, 5.0), v(0.0, 0.0, 0.0), Some(v(0.0, 3.0, 0.0))).unwrap();
+        assert_eq!(m.column(0).value(), DVec3::NEG_X);
+        assert_eq!(m.column(1).value(), DVec3::Y);
+        assert_eq!(m.column(2).value(), DVec3::NEG_Z);
+        assert_eq!(m.column(3).value(), DVec3::new(0.0, 0.0, 5.0));
+        // Without `up`: still a rotation.
+        let free = look_at(v(1.0, 2.0, 3.0), v(-1.0, 0.5, 7.0), None).unwrap();
+        let (x, y, z) = (free.column(0), free.column(1), free.column(2));
+        assert!((x.cross(y) - z).length() < 1e-14 && x.dot(y).abs() < 1e-14);
+    }
+
+    #[test]
+    fn derivatives_agree_with_central_differences() {
+        fn m<R: Real>(t: R) -> Mat4<R> {
+            let c = |x: f64| R::from(x);
+            let a = rotate(V3::new(c(1.0), t, c(2.0)), t * 30.0).unwrap();
+            let l = look_at(V3::new(t, c(0.5), c(3.0)), V3::constant(DVec3::ZERO), Some(V3::new(c(0.1), c(1.0), t)))
+                .unwrap();
+            let product = l * translate(V3::new(t, t * t, c(1.0))) * a * scale(V3::new(t + 1.0, c(1.0), c(2.0)));
+            product * product.inverse() * product.inverse()
+        }
+        let (t, h) = (0.7, 1e-6);
+        let d = m(Dual::<1>::variable(t, 0)).tangent();
+        let fd = (m(t + h).value() - m(t - h).value()) * (0.5 / h);
+        assert!(d.abs_diff_eq(fd, 1e-8), "{d}\n{fd}");
+    }
+
+    #[test]
+    fn singular_is_relative_to_size() {
+        for s in [v(1.0, 1.0, 1e-20), v(1e-20, 1e-20, 1e-20), v(1e30, 1.0, 1e-30), v(-1.0, 1.0, 1.0)] {
+            (rotate(v(1.0, 2.0, 3.0), 40.0).unwrap() * scale(s)).check().unwrap();
+            (scale(s) * rotate(v(1.0, 2.0, 3.0), 40.0).unwrap()).check().unwrap();
+        }
+        // Rank 2, hidden by rotations: rounding leaves a tiny determinant.
+        let r = |d: f64| rotate(v(1.0, 2.0, 3.0), d).unwrap();
+        assert!((r(20.0) * scale(v(1.0, 0.0, 1.0)) * r(50.0)).check().is_err());
+        assert!(scale(v(f64::INFINITY, 1.0, 1.0)).check().is_err());
+        // Rotations near the precision of a double are not degenerate by size.
+        rotate(v(1e-200, 0.0, 1e-200), 10.0).unwrap().check().unwrap();
+    }
+}

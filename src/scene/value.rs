@@ -297,3 +297,34 @@ fn constants(word: &str, span: &Span, color: bool, out: &mut Vec<Num>) -> Result
     out.push(Num::Const(number(word).map_err(|flaw| Error::scene(span, flaw, remedy))?));
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_split_at_commas_and_blanks() {
+        assert_eq!(words("1, 2\t3"), [(0, Some("1")), (3, Some("2")), (5, Some("3"))]);
+        assert_eq!(words("1,,2"), [(0, Some("1")), (2, None), (3, Some("2"))]);
+        assert_eq!(words(" 1 2,"), [(1, Some("1")), (3, Some("2"))]);
+        assert_eq!(words("  "), []);
+    }
+
+    #[test]
+    fn hex_colors_are_linearised() {
+        assert_eq!(hex_color("#ff0000"), Some([1.0, 0.0, 0.0]));
+        let gray = hex_color("#808080").unwrap();
+        assert!((gray[1] - 0.215_860_5).abs() < 1e-6);
+        for bad in ["#fff", "ff0000", "#ff00zz", "#ff00ü0"] {
+            assert_eq!(hex_color(bad), None);
+        }
+    }
+
+    #[test]
+    fn numbers_are_whole_tokens() {
+        assert_eq!(number("-1.5e-3"), Ok(-1.5e-3));
+        for bad in ["", "1 2", "0x10", "1f", "inf", "NaN", "1e400", "--1"] {
+            assert!(number(bad).is_err(), "{bad}");
+        }
+    }
+}

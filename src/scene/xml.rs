@@ -343,3 +343,73 @@ fn unique(names: &mut Names, name: &str, span: &Span) -> Result<()> {
     names.insert(name.to_owned(), span.clone());
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Env;
+
+    fn write(dir: &Path, name: &str, text: &str) -> PathBuf {
+        let path = dir.join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    #[test]
+    fn includes_paths_and_refs() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = dir.path();
+        write(
+            at,
+            "lib/bsdf.xml",
+            "<bsdf type=\"diffuse\" id=\"wood\"><float name=\"reflectance\" value=\"$shade\"/></bsdf>",
+        );
+        let extra = "<scene version=\"2.0.0\"><default name=\"shade\" value=\"9\"/>\n<shape type=\"obj\"><string name=\"fileName\" value=\"a.obj\"/><ref id=\"wood\"/></shape></scene>";
+        let extra = write(at, "lib/extra.xml", extra);
+        write(at, "meshes/a.obj", "");
+        let text = "\u{feff}<scene version=\"3.0.0\"><default name=\"shade\" value=\"0.25\"/><path value=\"meshes\"/>
+            <include filename=\"lib/extra.xml\"/><include filename=\"lib/bsdf.xml\"/>
+            <shape type=\"cube\"><ref name=\"coat\" id=\"wood\"/></shape></scene>";
+        let main = write(at, "main.xml", text);
+        let desc = load(&main, &[]).unwrap();
+        let env: Env<f64> = desc.values();
+        let shapes: Vec<&Node> = desc.root.children("shape").collect();
+        assert_eq!(shapes[0].span, Span { file: extra.clone(), line: 2, column: 1 });
+        // The upgraded name is found, the file through <path>.
+        assert_eq!(shapes[0].path("file_name").unwrap(), Some(at.join("meshes/a.obj")));
+        // Both refer to one object; the first <default> counts.
+        let (a, b) = (shapes[0].child("bsdf").unwrap().unwrap(), shapes[1].named("coat").unwrap().unwrap());
+        assert_eq!(a.key(), b.key());
+        assert_eq!(a.float(&env, "reflectance", 0.5).unwrap(), 0.25);
+        assert_eq!(desc.wrt("shade").unwrap(), 0);
+        desc.finish().unwrap();
+
+        // A change of an included file changes the hash.
+        let text = std::fs::read_to_string(&extra).unwrap();
+        std::fs::write(&extra, text + "\n").unwrap();
+        assert_ne!(load(&main, &[]).unwrap().hash, desc.hash);
+    }
+
+    #[test]
+    fn a_missing_scene_is_a_usage_error() {
+        let e = load(Path::new("no/such/scene.xml"), &[]).unwrap_err();
+        assert!(matches!(e, Error::Usage { .. }), "{e}");
+    }
+
+    #[test]
+    fn finish_finds_what_is_unread_inside_referred_objects() {
+        let text =
+            "<scene version=\"3.0.0\"><bsdf type=\"diffuse\" id=\"a\">\n<float name=\"refl\" value=\"1\"/></bsdf>
+            <shape type=\"cube\"><ref id=\"a\"/></shape></scene>";
+        let desc = parse(text, Path::new("t.xml"), &[]).unwrap();
+        assert!(desc.finish().unwrap_err().to_string().contains("takes no nested <shape"));
+        let shape = desc.root.children("shape").next().unwrap();
+        assert!(desc.finish().unwrap_err().to_string().contains("takes no nested <bsdf"));
+        let bsdf = shape.child("bsdf").unwrap().unwrap();
+        bsdf.rgb::<f64>(&desc.values(), "reflectance", 0.5).unwrap();
+        let e = desc.finish().unwrap_err().to_string();
+        assert!(e.starts_with("t.xml:2:1: ") && e.contains("no property `refl`"), "{e}");
+        assert!(!bsdf.has("sheen") && bsdf.has("refl"));
+    }
+}

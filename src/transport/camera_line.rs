@@ -56,6 +56,9 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     }
     let prefix = s.beta;
     let transmitted = total.map(|t| (-t).exp());
+    for k in 0..pieces.len() {
+        glow(w, &mut s, &pieces[..=k], prefix);
+    }
     let scatters = w.may_scatter(1);
     let share = scatter_probability(w, &pieces, &end, transmitted, scatters);
     if scatters {
@@ -120,6 +123,20 @@ fn forced_density(scene: &Scene, piece: &Piece, total: Rgb, t: f64) -> Rgb {
     let (sigma_t, _) = m.coefficients(piece.span.o + piece.span.w * t);
     // 1 - T of nothing is nothing: no collision is forced there.
     Rgb::from_fn(|c| if total[c] > 0.0 { sigma_t[c] * (-depth[c]).exp() / -(-total[c]).exp_m1() } else { 0.0 })
+}
+
+/// Emission of the last of `pieces`, at a point drawn by transmittance: without variance where the medium is uniform.
+fn glow<R: Recorder>(w: &mut Walker<R>, s: &mut State, pieces: &[Piece], prefix: Rgb) {
+    let Some((piece, lead)) = pieces.split_last() else { return };
+    let m = &w.scene.media[piece.span.medium as usize];
+    if m.emission.is_none() || w.set.max_depth == 0 {
+        return;
+    }
+    let before = piece.before.map(|t| (-t).exp());
+    let Some((t, weight)) = tracking::transmittance_point(m, &piece.span, piece.depth, &mut s.rng) else { return };
+    w.rec.push(Event::Chain);
+    let lead: Vec<MediumSpan> = if R::ON { lead.iter().map(|q| q.span).collect() } else { Vec::new() };
+    w.glow(&lead, piece.span, t, prefix * before * weight);
 }
 
 /// The equi-angular connection and the candidate of a derivative vertex on the last of `pieces`.

@@ -7,10 +7,10 @@ use super::sweep::Candidates;
 use super::walk::{Flight, State};
 use crate::light::Emission;
 use crate::math::rng::Rng;
-use crate::scene::Hit;
 use crate::math::{DVec3, Rgb};
+use crate::scene::Hit;
 
-/// Events held at a time.
+/// Events held at a time, unless a test asks for less.
 pub const CHUNK: usize = 4096;
 
 /// A straight piece inside one medium.
@@ -49,6 +49,8 @@ pub enum Event {
     Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
     /// Light met by the walk: `weight x emission` was added.
     Emit { weight: Rgb, emission: Emission },
+    /// Emission of the medium at a point of a span: `weight x sigma_a x L_e` was added, `emission` is L_e; own spans.
+    Glow { weight: Rgb, emission: Emission, medium: u32, p: DVec3, sigma_a: Rgb, first_span: u32, spans: u32 },
     /// A connection to a light: `weight x emission` was added; own spans, own phase, and for a point that the
     /// walk did not visit (equi-angular), its own sigma_s as a further factor.
     Connect {
@@ -91,7 +93,6 @@ impl Recorder for NoRecord {
     }
 }
 
-
 /// One chunk of events, and the states at the starts of all chunks but the first.
 pub struct PathRecord {
     pub events: Vec<Event>,
@@ -99,11 +100,21 @@ pub struct PathRecord {
     pub chunk_starts: Vec<State>,
     /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
     pub candidates: Option<Candidates>,
+    /// Events held at a time.
+    pub chunk: usize,
+    unused: Rng,
 }
 
 impl PathRecord {
     pub fn new() -> Self {
-        PathRecord { events: Vec::with_capacity(CHUNK), side: Vec::new(), chunk_starts: Vec::new(), candidates: None }
+        PathRecord {
+            events: Vec::with_capacity(CHUNK),
+            side: Vec::new(),
+            chunk_starts: Vec::new(),
+            candidates: None,
+            chunk: CHUNK,
+            unused: Rng::keyed(0, 0, 0, 0),
+        }
     }
 
     /// Ready for a new path.
@@ -136,7 +147,7 @@ impl Recorder for PathRecord {
     }
 
     fn checkpoint(&mut self, state: &State) -> bool {
-        if self.events.len() < CHUNK {
+        if self.events.len() < self.chunk {
             return false;
         }
         let Some(candidates) = &mut self.candidates else { return true };
@@ -149,6 +160,7 @@ impl Recorder for PathRecord {
     }
 
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
-        self.candidates.as_mut().map(|c| &mut c.rng)
+        // A regenerated chunk must hold as many events as the first time; its candidates are not looked at.
+        Some(self.candidates.as_mut().map_or(&mut self.unused, |c| &mut c.rng))
     }
 }

@@ -129,14 +129,7 @@ impl Candidates {
         }
         let t = span.t0 + self.rng.uniform() * length;
         let m = &self.facts.media[span.medium as usize].model;
-        let weight = if m.gray {
-            prefix.beta * (length / prefix.r.mean())
-        } else {
-            // The hero reached t with its own transmittance; the mixture of all three did with the mean.
-            let part = MediumSpan { t1: t, ..*span };
-            let tr = super::tracking::depth(m, &part).map(|d| (-d).exp());
-            prefix.beta * tr * (length / (prefix.r * tr).mean())
-        };
+        let weight = super::tracking::walked_weight(m, span, t, prefix.beta, prefix.r) * length;
         let whole = MediumSpan { t1: prefix.t_end, ..*span };
         let flight = Flight { span: Some(whole), density: super::tracking::flight_density(m, &whole, t) };
         self.medium(span.medium, span.o + span.w * t, span.w, weight, prefix.depth, flight);
@@ -226,6 +219,20 @@ impl Sweep<'_> {
                 Event::Emit { weight, emission } => {
                     self.emission(*weight, emission, sink);
                     after += *weight * emission.color();
+                }
+                Event::Glow { weight, emission, medium, p, sigma_a, first_span, spans } => {
+                    self.emission(*weight * *sigma_a, emission, sink);
+                    let l = *weight * emission.color();
+                    let value = l * *sigma_a;
+                    for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
+                        self.transmittance(span, value, sink);
+                    }
+                    // Drawn without regard to sigma_a: nothing to divide by.
+                    if self.facts.media[*medium as usize].source {
+                        let m = &self.scene.media[*medium as usize];
+                        m.sigma_a_partials(self.params, *p, |slot, d| sink.add(slot, d * l));
+                    }
+                    after += value;
                 }
                 Event::Connect { weight, emission, first_span, spans, phase, scatter } => {
                     let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);

@@ -134,6 +134,16 @@ pub fn flight_density(m: &Medium, span: &MediumSpan, t: f64) -> f64 {
     }
 }
 
+/// Weight per channel of a point at abscissa `t` of a span that was walked past it: `beta T / mean(r T)`. In gray media
+/// the transmittances cancel: the walk got there with probability T.
+pub fn walked_weight(m: &Medium, span: &MediumSpan, t: f64, beta: Rgb, r: Rgb) -> Rgb {
+    if m.gray {
+        return beta * (1.0 / r.mean());
+    }
+    let tr = depth(m, &MediumSpan { t1: t, ..*span }).map(|d| (-d).exp());
+    beta * tr * (1.0 / (r * tr).mean())
+}
+
 /// Optical depth of a span per channel, exact.
 pub fn depth(m: &Medium, span: &MediumSpan) -> Rgb {
     match &m.density {
@@ -197,11 +207,7 @@ pub fn transmittance_point(m: &Medium, span: &MediumSpan, depth: Rgb, rng: &mut 
                 return None;
             }
             // t = -log1p(-u (1 - e^{-sigma D})) / sigma, uniform where sigma D is tiny.
-            let t = if depth[c] < 1e-8 {
-                u * length
-            } else {
-                -(-(u * -(-depth[c]).exp_m1())).ln_1p() / sigma[c]
-            };
+            let t = if depth[c] < 1e-8 { u * length } else { -(-(u * -(-depth[c]).exp_m1())).ln_1p() / sigma[c] };
             let density = Rgb::from_fn(|k| {
                 let total = if depth[k] < 1e-8 { length } else { -(-depth[k]).exp_m1() / sigma[k] };
                 (-sigma[k] * t).exp() / total

@@ -13,7 +13,7 @@ use super::record::{Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
-use crate::medium::Medium;
+use crate::medium::{Medium, NO_SLOT};
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::surface::Surface;
 use std::sync::Arc;
@@ -210,6 +210,12 @@ impl<'a, R: Recorder> Walker<'a, R> {
 
     fn walked(&mut self, s: &mut State, span: MediumSpan, t: f64, beta: Rgb, r: Rgb) {
         let medium = &self.scene.media[span.medium as usize];
+        if medium.emission.is_some() && t > 0.0 && t < f64::INFINITY {
+            // Track length [T] 7: a uniform point of the walked part, P(walk gets to t) = T(t).
+            let u = s.rng.uniform() * t;
+            let weight = tracking::walked_weight(medium, &span, u, beta, r) * t;
+            self.glow(&[], span, u, weight);
+        }
         if medium.is_homogeneous() && t < f64::INFINITY {
             s.tau += medium.sigma_t * t;
         }
@@ -240,6 +246,26 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let Some(emission) = light.escape(s.w) else { return };
         let p = self.scene.selection(id) * light.escape_pdf(s.w);
         self.emit(s, emission, p);
+    }
+
+    /// Score the emission of the medium at abscissa `t` of a span, with the weight of that point.
+    pub fn glow(&mut self, lead: &[MediumSpan], span: MediumSpan, t: f64, weight: Rgb) {
+        let medium = &self.scene.media[span.medium as usize];
+        let p = span.o + span.w * t;
+        let Some((sigma_a, color)) = medium.glow(p) else { return };
+        let (first, unit) =
+            if medium.slots.emission == NO_SLOT { (NO_SLOT, color) } else { (medium.slots.emission, Rgb::ONE) };
+        let value = if first == NO_SLOT { Rgb::ONE } else { color };
+        let emission = crate::light::Emission { first, per_channel: true, unit, value };
+        self.value += weight * sigma_a * emission.color();
+        if R::ON {
+            let first_span = self.rec.side_len();
+            lead.iter().for_each(|&l| self.rec.side_span(l));
+            self.rec.side_span(MediumSpan { t1: t, ..span });
+            let spans = self.rec.side_len() - first_span;
+            let medium = span.medium;
+            self.rec.push(Event::Glow { weight, emission, medium, p, sigma_a, first_span, spans });
+        }
     }
 
     /// Score emission met by the walk, weighted against a connection of density `p_light` (per solid angle).

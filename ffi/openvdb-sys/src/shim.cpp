@@ -119,9 +119,8 @@ public:
         mStream.exceptions(std::ios_base::failbit | std::ios_base::badbit);
 
         this->readHeader(mStream);
-        auto meta = std::make_shared<vdb::io::StreamMetadata>();
-        meta->setSeekable(true);
-        mStreamMetadata = meta;
+        mStreamMetadata.reset(new vdb::io::StreamMetadata);
+        mStreamMetadata->setSeekable(true);
         vdb::io::setStreamMetadataPtr(mStream, mStreamMetadata, false);
         this->setFormatVersion(mStream);
         this->setLibraryVersion(mStream);
@@ -196,15 +195,15 @@ private:
 
         // Read in the same order as Archive::readGrid, and stop before the leaf values.
         readGridCompression(mStream);
-        auto local = std::make_shared<vdb::io::StreamMetadata>(*mStreamMetadata);
+        vdb::io::StreamMetadata::Ptr local(new vdb::io::StreamMetadata(*mStreamMetadata));
         local->setHalfFloat(g->saveFloatAsHalf());
-        vdb::io::StreamMetadata::Ptr own = local;
         local->setCompression(vdb::io::getDataCompression(mStream));
-        vdb::io::setStreamMetadataPtr(mStream, own, false);
+        vdb::io::setStreamMetadataPtr(mStream, local, false);
+        // The stream keeps the address of the pointer itself, not a copy of it.
         struct Restore {
             std::istream& is;
-            vdb::io::StreamMetadata::Ptr meta;
-            ~Restore() { vdb::io::setStreamMetadataPtr(is, meta, false); }
+            vdb::io::StreamMetadata::Ptr& file_level;
+            ~Restore() { vdb::io::setStreamMetadataPtr(is, file_level, false); }
         } restore{mStream, mStreamMetadata};
         vdb::io::setGridBackgroundValuePtr(mStream, nullptr);
         g->readMeta(mStream);
@@ -214,8 +213,8 @@ private:
         return g;
     }
 
-    std::ifstream mStream;
     vdb::io::StreamMetadata::Ptr mStreamMetadata;
+    std::ifstream mStream;
 };
 
 void describe(Reader::Entry& e, const vdb::GridBase* g, tvdb_info& out) {

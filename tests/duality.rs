@@ -1,0 +1,116 @@
+//! Forward and reverse are transposes of each other, and neither changes the picture.
+
+mod common;
+use common::{params, run, scene};
+use tyndall::math::Rgb;
+use tyndall::math::rng::Rng;
+use tyndall::render::driver::Mode;
+
+/// Chromatic fog over a floor and a ball, four kinds of light.
+const ROOM: &str = r#"<scene version="3.0.0">
+  <default name="sr" value="0.5"/><default name="sg" value="0.9"/><default name="albedo" value="0.8"/>
+  <default name="g" value="0.5"/><default name="scale" value="1.1"/><default name="rho" value="0.6"/>
+  <default name="i" value="3"/><default name="le" value="2"/><default name="e" value="0.4"/><default name="sky" value="0.2"/>
+  <default name="spot" value="5"/>
+  <integrator type="volpath"><integer name="max_depth" value="8"/></integrator>
+  <sensor type="perspective"><float name="fov" value="50"/>
+    <transform name="to_world"><lookat origin="0, 1, 5" target="0, 0.6, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="$sr, $sg, 0.3"/><float name="albedo" value="$albedo"/>
+    <float name="scale" value="$scale"/><phase type="hg"><float name="g" value="$g"/></phase></medium>
+  <shape type="cube"><transform name="to_world"><scale value="2"/><translate y="1.5"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="6"/><translate y="-0.5"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="$rho, 0.5, 0.2"/></bsdf></shape>
+  <shape type="sphere"><float name="radius" value="0.4"/><point name="center" x="0.5" y="0.5" z="0"/>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0, $rho, 0.7"/></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="90"/><scale value="0.5"/><translate x="-1" y="3" z="0.3"/></transform>
+    <emitter type="area"><rgb name="radiance" value="$le"/></emitter></shape>
+  <emitter type="point"><point name="position" x="-0.8" y="1.4" z="0.5"/><rgb name="intensity" value="$i"/></emitter>
+  <emitter type="spot"><transform name="to_world"><lookat origin="1, 3, 1" target="0.3, 0.5, 0" up="0, 0, 1"/></transform>
+    <rgb name="intensity" value="$spot"/></emitter>
+  <emitter type="directional"><vector name="direction" x="0.3" y="-1" z="0.1"/><rgb name="irradiance" value="$e"/></emitter>
+  <emitter type="constant"><rgb name="radiance" value="$sky"/></emitter>
+</scene>"#;
+
+const ALL: [&str; 11] = ["sr", "sg", "albedo", "g", "scale", "rho", "i", "le", "e", "sky", "spot"];
+
+#[test]
+fn forward_dot_v_equals_reverse() {
+    let (desc, scene) = scene(ROOM);
+    let p = params(&desc, &scene, &ALL);
+    let spp = 64;
+    let f = run(&scene, spp, 3, Mode::Forward(&p));
+    let pixels = f.film.spec().pixels();
+    let mut rng = Rng::keyed(9, 0, 0, 0);
+    let v: Vec<Rgb> = (0..pixels).map(|_| Rgb::from_fn(|_| rng.uniform() - 0.3)).collect();
+    let r = run(&scene, spp, 3, Mode::Reverse(&p, &v));
+    let gradient = p.pull_back(&r.gradient.unwrap().0);
+    for (k, name) in ALL.iter().enumerate() {
+        let dot: f64 = (0..pixels).map(|i| f.film.mean(k + 1, i).dot(v[i])).sum();
+        let scale: f64 = (0..pixels).map(|i| (f.film.mean(k + 1, i) * v[i]).abs().sum()).sum();
+        assert!(scale > 0.0, "{name}: nothing to compare");
+        assert!((dot - gradient[k]).abs() <= 1e-10 * scale, "{name}: {dot} {} of {scale}", gradient[k]);
+    }
+}
+
+#[test]
+fn derivatives_do_not_change_the_picture() {
+    let (desc, scene) = scene(ROOM);
+    let p = params(&desc, &scene, &ALL);
+    let (a, b) = (run(&scene, 32, 5, Mode::Picture), run(&scene, 32, 5, Mode::Forward(&p)));
+    for i in 0..a.film.spec().pixels() {
+        assert_eq!(a.film.mean(0, i), b.film.mean(0, i));
+        assert_eq!(a.film.variance_of_mean(0, i), b.film.variance_of_mean(0, i));
+    }
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let (desc, scene) = scene(ROOM);
+    let p = params(&desc, &scene, &ALL);
+    let v = vec![Rgb::ONE; 48];
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| (run(&scene, 32, 5, Mode::Forward(&p)), run(&scene, 32, 5, Mode::Reverse(&p, &v))))
+    };
+    let (a, ra) = with(1);
+    for threads in [2, 8] {
+        let (b, rb) = with(threads);
+        for layer in 0..=ALL.len() {
+            for i in 0..48 {
+                assert_eq!(a.film.mean(layer, i), b.film.mean(layer, i));
+            }
+        }
+        assert_eq!(ra.gradient, rb.gradient);
+    }
+}
+
+/// Every derivative against central differences of the picture with common random numbers (5 s.e. of the difference and the
+/// derivative together, plus the step's own error; false alarm 6e-7 a comparison).
+#[test]
+fn derivatives_agree_with_finite_differences() {
+    let (desc, sc) = scene(ROOM);
+    let p = params(&desc, &sc, &ALL);
+    let spp = 4096;
+    let f = run(&sc, spp, 3, Mode::Forward(&p));
+    for (k, name) in ALL.iter().enumerate() {
+        let x = desc.params.iter().find(|q| q.name == *name).unwrap().value;
+        let h = 0.1 * x;
+        let side = |s: f64| {
+            let (_, sc) = common::scene_with(ROOM, &[(name, &format!("{}", x + s * h))]);
+            common::estimate(&run(&sc, spp, 3, Mode::Picture), 0)
+        };
+        let (a, b, d) = (side(1.0), side(-1.0), common::estimate(&f, k + 1));
+        for c in 0..3 {
+            let fd = (a.value[c] - b.value[c]) / (2.0 * h);
+            // Independent errors: an upper bound, common random numbers only help.
+            let se = ((a.error[c].powi(2) + b.error[c].powi(2)).sqrt() / (2.0 * h)).hypot(d.error[c]);
+            println!("{name} {c}: {} +- {} fd {fd} +- {se}", d.value[c], d.error[c]);
+            assert!(
+                (d.value[c] - fd).abs() <= 5.0 * se + 0.01 * fd.abs(),
+                "{name} channel {c}: {} vs {fd} +- {se}",
+                d.value[c]
+            );
+        }
+    }
+}
