@@ -283,6 +283,7 @@ fn count(health: &Health, t: &Tally) {
     health.add(Mishap::TruncatedEnergy, t.capped);
     health.add(Mishap::MissedBoundaries, t.missed_boundary);
     health.add(Mishap::LightOnRay, t.light_on_ray);
+    health.add(Mishap::UnboundedVacuum, t.unbounded_vacuum);
 }
 
 /// Root mean square of the standard errors over the mean of the picture.

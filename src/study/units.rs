@@ -63,7 +63,7 @@ pub fn rng_endpoints(b: &mut Bench) -> Result<()> {
             for v in ENDS {
                 let p = s.sample(u, v);
                 n += 1;
-                if !p.p.is_finite() || !unit(p.n) || !(p.pdf_area > 0.0 && p.pdf_area.is_finite()) {
+                if !(p.p.is_finite() && unit(p.n) && p.pdf_area > 0.0 && p.pdf_area.is_finite()) {
                     bad.push(format!("{p:?} at ({u:e}, {v:e})"));
                 }
                 // From outside, from just above, from far away.
@@ -72,7 +72,7 @@ pub fn rng_endpoints(b: &mut Bench) -> Result<()> {
                     {
                         let Some(d) = ball.sample_direction(from, u, v) else { continue };
                         n += 1;
-                        if !unit(d.w) || !(d.pdf_solid_angle > 0.0 && d.distance.is_finite()) {
+                        if !(unit(d.w) && d.pdf_solid_angle > 0.0 && d.distance.is_finite()) {
                             bad.push(format!("{d:?} at ({u:e}, {v:e}) from {from}"));
                         }
                     }

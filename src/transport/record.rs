@@ -72,6 +72,8 @@ pub trait Recorder {
     fn side_len(&self) -> u32;
     /// Called before every flight; true stops the walk there (regeneration of one chunk).
     fn checkpoint(&mut self, state: &State) -> bool;
+    /// A medium span of the camera line without end and without extinction: no candidate can be drawn.
+    fn unbounded(&mut self, _medium: u32) {}
     /// The stream for candidates on the camera line; `None` where none are wanted.
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
         None
@@ -157,6 +159,12 @@ impl Recorder for PathRecord {
         self.side.clear();
         self.chunk_starts.push(state.clone());
         false
+    }
+
+    fn unbounded(&mut self, medium: u32) {
+        if let Some(c) = &mut self.candidates {
+            c.note_unbounded(medium);
+        }
     }
 
     fn candidate_rng(&mut self) -> Option<&mut Rng> {

@@ -106,6 +106,8 @@ pub struct Tally {
     pub truncated: f64,
     pub light_on_ray: u64,
     pub missed_boundary: u64,
+    /// Derivatives asked of a vacuum without end: no candidate could be drawn there.
+    pub unbounded_vacuum: u64,
 }
 
 pub struct Walker<'a, R: Recorder> {
