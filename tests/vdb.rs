@@ -47,7 +47,7 @@ fn rotated_anisotropic_grids_with_tiles() {
         .into_iter()
         .map(|origin| Leaf { origin, active: [u64::MAX; 8], values: (0..512).map(|_| rng.uniform() as f32).collect() })
         .collect();
-    let tiles = vec![Tile { origin: [128, 0, 0], size: 8, value: [0.7; 3], active: true }];
+    let tiles = vec![Tile { origin: [8, 8, 16], size: 8, value: [0.7; 3], active: true }];
     let grid = WriteGrid {
         name: "density".into(),
         world_from_index: DAffine3 { matrix3, translation: DVec3::new(3.0, -2.0, 1.0) },
