@@ -1,0 +1,202 @@
+//! `tyndall grad`: derivative images (forward mode), or the gradient of a loss (reverse mode).
+
+use super::files::{self, Outputs};
+use super::format;
+use super::log::Log;
+use super::loss::{self, Loss, LossReport};
+use super::options::{LogOptions, RenderOptions, SceneOptions, parameters};
+use super::render::picture;
+use super::run::{self, RunReport, Setup};
+use clap::Args;
+use serde_json::{Map, Value, json};
+use std::path::{Path, PathBuf};
+use tyndall::error::{Error, Result};
+use tyndall::image::{exr, output};
+use tyndall::math::Rgb;
+use tyndall::params::ParamSet;
+use tyndall::render::driver::Mode;
+use tyndall::render::plan::Term;
+use tyndall::scene::desc::suggest;
+
+/// Derivatives with respect to `$parameters` of the scene
+///
+/// Without --loss or --adjoint: one image a parameter (forward mode), layers d_NAME.R/G/B and var_NAME.R/G/B beside the picture.
+/// With one of them: one number a parameter (reverse mode) as JSON, on standard output or in -o FILE.json.
+#[derive(Args)]
+pub struct GradArgs {
+    #[command(flatten)]
+    scene: SceneOptions,
+    /// Parameters to differentiate by
+    #[arg(long, value_name = "A,B,...", value_delimiter = ',', required = true)]
+    wrt: Vec<String>,
+    /// Images: an .exr, its report beside it as .json [default: SCENE's name + .grad.exr in the current folder];
+    /// gradient: a .json [default: standard output]
+    #[arg(short, long, value_name = "OUT")]
+    output: Option<PathBuf>,
+    /// Gradient of this loss against --target. Of the samples, half make the picture that the loss is taken from (with a
+    /// seed of its own, so that the gradient is unbiased), half the gradient
+    #[arg(long, value_enum, requires = "target", conflicts_with_all = ["adjoint", "preview", "split_terms"])]
+    loss: Option<Loss>,
+    /// Reference picture of --loss
+    #[arg(long, value_name = "REF.exr", requires = "loss")]
+    target: Option<PathBuf>,
+    /// Gradient of sum over pixels and channels of A * I, A = this image
+    #[arg(long, value_name = "A.exr", conflicts_with_all = ["preview", "split_terms"])]
+    adjoint: Option<PathBuf>,
+    /// Terms of the derivative: all, or a list; `tyndall plan` shows them
+    #[arg(long, value_name = "TERMS", value_delimiter = ',', default_value = "all")]
+    terms: Vec<String>,
+    /// Write the layers of each term too: d_NAME.TERM
+    #[arg(long)]
+    split_terms: bool,
+    #[command(flatten)]
+    render: RenderOptions,
+    #[command(flatten)]
+    pub log: LogOptions,
+}
+
+impl GradArgs {
+    pub fn run(&self, log: &Log) -> Result<u8> {
+        check_terms(&self.terms)?;
+        let wrt = parameters(&self.wrt)?;
+        if self.loss.is_some() || self.adjoint.is_some() {
+            return self.reverse(&wrt, log);
+        }
+        let name = self.output.clone().unwrap_or_else(|| files::default_name(&self.scene.scene, ".grad.exr"));
+        let outputs = Outputs::new(name, "exr", self.render.preview.clone(), self.render.overwrite)?;
+        let setup = Setup::new(&self.scene, &self.render, &wrt, log)?;
+        let params = setup.scene.param_set(&setup.desc, &wrt)?;
+        tell_idle(&params, &wrt, log);
+        picture(&setup, Mode::Forward(&params), &wrt, self.split_terms, &self.render, &outputs, log)
+    }
+
+    fn reverse(&self, wrt: &[String], log: &Log) -> Result<u8> {
+        let outputs = match &self.output {
+            Some(path) => Some(Outputs::new(path.clone(), "json", None, self.render.overwrite)?),
+            None => None,
+        };
+        let mut setup = Setup::new(&self.scene, &self.render, wrt, log)?;
+        let params = setup.scene.param_set(&setup.desc, wrt)?;
+        tell_idle(&params, wrt, log);
+        let (adjoint, loss) = match (&self.adjoint, self.loss, &self.target) {
+            (Some(path), ..) => (self.image(path, &setup)?, None),
+            (None, Some(kind), Some(target)) => {
+                let (adjoint, report) = self.adjoint_of_loss(kind, target, &mut setup, log)?;
+                (adjoint, Some(report))
+            }
+            _ => return Err(Error::usage("a gradient needs --adjoint, or --loss and --target", "give one of them")),
+        };
+        if let Some(code) = setup.stop.exit_code() {
+            return Ok(code);
+        }
+        let job = setup.job(Mode::Reverse(&params, &adjoint), &self.render);
+        let done = run::run(&job, &self.render, log)?;
+        let files = outputs.as_ref().map_or(Vec::new(), Outputs::all);
+        let mut report = run::report(&setup, &done, &self.render, &files, wrt);
+        report.loss = loss;
+        gradient(&mut report, &params, &done.outcome.gradient);
+        let json = run::to_json(&report)?;
+        if let Some(o) = &outputs {
+            output::write_bytes(&o.main, format!("{json}\n").as_bytes())?;
+        }
+        if log.json || outputs.is_none() {
+            log.result(json)?;
+        } else {
+            log.summary(summary(&report, &outputs))?;
+        }
+        run::finish(&setup, &report, &done.outcome)
+    }
+
+    fn image(&self, path: &Path, setup: &Setup) -> Result<Vec<Rgb>> {
+        let image = exr::read_rgb(path)
+            .map_err(|e| Error::usage(e.to_string(), "give an .exr with the channels R, G and B"))?;
+        loss::fit(&image, &path.display().to_string(), setup.crop, setup.full_size())
+    }
+
+    /// Render the picture with half of the samples and another seed; leaves the other half to the gradient.
+    fn adjoint_of_loss(
+        &self,
+        kind: Loss,
+        target: &Path,
+        setup: &mut Setup,
+        log: &Log,
+    ) -> Result<(Vec<Rgb>, LossReport)> {
+        let reference = self.image(target, setup)?;
+        let total = setup.spp;
+        let spp = total.div_ceil(2);
+        // The seed goes through the generator's own mixing: any other value gives an independent stream.
+        let seed = setup.seed ^ 1 << 40;
+        let half = self.render.max_time.map(|t| t / 2);
+        let mut job = setup.job(Mode::Picture, &self.render);
+        (job.spp, job.seed, job.max_time) = (spp, seed, half);
+        log.detail(format!("rendering the picture of the loss: {spp} samples a pixel, seed {seed}"));
+        let done = run::run(&job, &self.render, log)?;
+        let (value, adjoint) = kind.evaluate(&done.outcome.film, &reference)?;
+        setup.spp = (total - spp).max(1);
+        let target = target.display().to_string();
+        Ok((adjoint, LossReport { kind, value, target, spp: done.outcome.spp, seed }))
+    }
+}
+
+/// `all`, or terms that exist.
+fn check_terms(terms: &[String]) -> Result<()> {
+    let names = || std::iter::once("all").chain(Term::ALL.iter().map(|t| t.room()));
+    for t in terms {
+        match t.as_str() {
+            "all" | "interior" => {}
+            known if names().any(|n| n == known) => {
+                let what = format!("`--terms {known}`: this term is not available yet");
+                return Err(Error::usage(what, "available: interior (the same as all)"));
+            }
+            other => {
+                let mut valid: Vec<&str> = names().collect();
+                valid.dedup();
+                return Err(Error::usage(format!("`--terms {other}`: unknown term"), suggest(other, valid)));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Say when a derivative is zero because nothing depends on the parameter.
+fn tell_idle(params: &ParamSet, wrt: &[String], log: &Log) {
+    if !params.any_active() {
+        log.warn(format!("nothing in the picture changes with {}: the derivative is 0", wrt.join(", ")));
+    }
+}
+
+/// Gradient over parameters from that over slots.
+///
+/// Errors of the slots add up as if they were fully correlated, which is exact where a parameter sets one slot, or all
+/// channels of one quantity that are.
+fn gradient(report: &mut RunReport, params: &ParamSet, slots: &Option<(Vec<f64>, Vec<f64>)>) {
+    let Some((g, e)) = slots else { return };
+    let values = params.pull_back(g);
+    let errors: Vec<f64> = (0..params.len())
+        .map(|k| e.iter().enumerate().map(|(s, e)| e * params.tangents(s as u32)[k].abs()).sum())
+        .collect();
+    let map = |v: Vec<f64>| -> Map<String, Value> {
+        params.names.iter().cloned().zip(v.into_iter().map(|x| json!(x))).collect()
+    };
+    report.gradient = Some(map(values));
+    report.standard_error = Some(map(errors));
+}
+
+fn summary(r: &RunReport, outputs: &Option<Outputs>) -> String {
+    let mut rows = vec![["parameter", "gradient", "standard error"].map(String::from).to_vec()];
+    let number = |m: &Option<Map<String, Value>>, name: &str| {
+        let x = m.as_ref().and_then(|m| m.get(name)).and_then(Value::as_f64);
+        x.map_or("unknown".into(), |x| format!("{x:.6e}"))
+    };
+    for name in r.gradient.iter().flatten().map(|(name, _)| name) {
+        rows.push(vec![name.clone(), number(&r.gradient, name), number(&r.standard_error, name)]);
+    }
+    let mut text = format::table(&rows);
+    if let Some(l) = &r.loss {
+        text = format!("loss {:.6e}\n{text}", l.value);
+    }
+    if let Some(o) = outputs {
+        text += &format!("\nwrote {}", o.main.display());
+    }
+    text
+}

@@ -1,0 +1,188 @@
+//! Options that commands share, and how their values are read.
+
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+use std::time::Duration;
+use tyndall::error::{Error, Result};
+
+/// Log and result format.
+#[derive(Args, Clone, Debug, Default)]
+pub struct LogOptions {
+    /// Errors only: no progress display, no warnings, no summary
+    #[arg(short, long, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Say what is done
+    #[arg(short, long)]
+    pub verbose: bool,
+    /// Result as JSON on standard output, and nothing else there
+    #[arg(long)]
+    pub json: bool,
+    /// Write the whole log to a file too
+    #[arg(long, value_name = "FILE")]
+    pub log_file: Option<PathBuf>,
+}
+
+#[derive(Args, Clone, Debug)]
+pub struct SceneOptions {
+    /// Scene file (Mitsuba 3 XML)
+    pub scene: PathBuf,
+    /// Set a `$parameter` of the scene (repeatable)
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = definition)]
+    pub define: Vec<(String, String)>,
+}
+
+/// What every command that renders takes.
+#[derive(Args, Clone, Debug)]
+pub struct RenderOptions {
+    /// Sensor, by number from 0 or by id [default: 0]
+    #[arg(short, long, value_name = "SENSOR")]
+    pub sensor: Option<String>,
+    /// Samples a pixel, at most [default: the scene's sample_count]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
+    pub spp: Option<u64>,
+    /// Seed of the random numbers: same seed, same bits, on any number of threads [default: the scene's]
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Threads [default: one a core]
+    #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub threads: Option<u16>,
+    /// Part of the picture, in pixels from its upper left corner: the same pixels as in the full picture
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop)]
+    pub crop: Option<[usize; 4]>,
+    /// Set voxels that are NaN, infinite or negative to 0 instead of refusing the file, and count them
+    #[arg(long)]
+    pub repair_voxels: bool,
+    /// Stop after the batch (1/32 of the samples) in which this time is over, e.g. 90s, 5m, 1h
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub max_time: Option<Duration>,
+    /// Stop after the batch in which the picture's relative error (root mean square error over mean) falls below this,
+    /// e.g. 0.01
+    #[arg(long, value_name = "ERROR", value_parser = positive)]
+    pub target_error: Option<f64>,
+    /// Share of samples that may be biased (left out, cut) before the exit code is 3
+    #[arg(long, value_name = "SHARE", default_value_t = tyndall::render::health::DEFAULT_LIMIT, value_parser = share)]
+    pub health_limit: f64,
+    /// Replace output files that exist
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Draw a PNG too
+    #[arg(long, value_name = "OUT.png")]
+    pub preview: Option<PathBuf>,
+    /// Progress display on standard error
+    #[arg(long, value_enum, default_value_t = ProgressKind::Auto)]
+    pub progress: ProgressKind,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ProgressKind {
+    /// A bar on a terminal, else plain lines
+    Auto,
+    /// A bar
+    Bar,
+    /// A line each 10 s
+    Plain,
+    /// A line of JSON each second
+    Json,
+    None,
+}
+
+/// `name=value`.
+pub fn definition(text: &str) -> std::result::Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.is_empty() => Ok((name.into(), value.into())),
+        _ => Err("write name=value, for example -D light_x=0.5".into()),
+    }
+}
+
+fn crop(text: &str) -> std::result::Result<[usize; 4], String> {
+    let form = "write four whole numbers x0,y0,x1,y1 (x1 and y1 are one past the last pixel), for example 0,0,64,32";
+    let numbers = text.split(',').map(|s| s.trim().parse()).collect::<std::result::Result<Vec<usize>, _>>();
+    let [x0, y0, x1, y1] = numbers.map_err(|_| form)?[..] else { return Err(form.into()) };
+    if x0 >= x1 || y0 >= y1 {
+        return Err(format!("the crop is empty: {form}"));
+    }
+    Ok([x0, y0, x1, y1])
+}
+
+fn duration(text: &str) -> std::result::Result<Duration, String> {
+    let form = "write a number and its unit: 500ms, 90s, 5m or 1h";
+    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit = match &text[digits.len()..] {
+        "ms" => 1e-3,
+        "s" => 1.0,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return Err(form.into()),
+    };
+    let seconds = positive(digits).map_err(|_| form)? * unit;
+    Duration::try_from_secs_f64(seconds).map_err(|_| form.into())
+}
+
+fn positive(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("write a number greater than 0".into()),
+    }
+}
+
+fn share(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if (0.0..=1.0).contains(&x) => Ok(x),
+        _ => Err("write a number between 0 and 1".into()),
+    }
+}
+
+/// The parameters of `--wrt`: without `$`, each once, none that is an array.
+pub fn parameters(wrt: &[String]) -> Result<Vec<String>> {
+    let mut names: Vec<String> = Vec::with_capacity(wrt.len());
+    for text in wrt {
+        let name = text.trim().trim_start_matches('$');
+        if name.is_empty() {
+            return Err(Error::usage("`--wrt` has an empty name", "write --wrt a,b"));
+        }
+        if let Some((object, array)) = name.split_once('.') {
+            return Err(Error::usage(
+                format!("`--wrt {name}`: derivatives by arrays (`{array}` of `{object}`) are not available yet"),
+                "differentiate by a `$parameter` of the scene: `tyndall info SCENE` lists them",
+            ));
+        }
+        if names.iter().any(|n| n == name) {
+            return Err(Error::usage(format!("`--wrt` names `{name}` twice"), "give each name once"));
+        }
+        names.push(name.into());
+    }
+    Ok(names)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn durations_have_units() {
+        assert_eq!(duration("90s"), Ok(Duration::from_secs(90)));
+        assert_eq!(duration("1.5m"), Ok(Duration::from_secs(90)));
+        assert_eq!(duration("500ms"), Ok(Duration::from_millis(500)));
+        assert_eq!(duration("1h"), Ok(Duration::from_secs(3600)));
+        for bad in ["", "60", "s", "-1s", "0s", "1d", "infs", "nans", "1e300h"] {
+            assert!(duration(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn crops_are_boxes() {
+        assert_eq!(crop("1,2, 3,4"), Ok([1, 2, 3, 4]));
+        for bad in ["", "1,2,3", "1,2,3,4,5", "3,2,3,4", "-1,0,2,2", "0,0,1.5,2"] {
+            assert!(crop(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn parameters_are_distinct_names() {
+        let names = |v: &[&str]| parameters(&v.iter().map(|s| s.to_string()).collect::<Vec<_>>());
+        assert_eq!(names(&["$a", "b"]).unwrap(), ["a", "b"]);
+        for bad in [&["a", "$a"][..], &[""], &["smoke.sigma_t.grid"]] {
+            assert!(names(bad).is_err(), "{bad:?}");
+        }
+    }
+}

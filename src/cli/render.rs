@@ -1,0 +1,74 @@
+//! `tyndall render`: the picture.
+
+use super::files::{self, Outputs};
+use super::log::Log;
+use super::options::{LogOptions, RenderOptions, SceneOptions};
+use super::preview;
+use super::run::{self, Setup};
+use clap::Args;
+use std::path::PathBuf;
+use tyndall::error::Result;
+use tyndall::image::{exr, output};
+use tyndall::render::driver::Mode;
+
+/// Render a picture, with the variance of every pixel
+#[derive(Args)]
+pub struct RenderArgs {
+    #[command(flatten)]
+    scene: SceneOptions,
+    /// Picture, an .exr; its report is written beside it as .json [default: SCENE's name in the current folder]
+    #[arg(short, long, value_name = "OUT.exr")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    render: RenderOptions,
+    #[command(flatten)]
+    pub log: LogOptions,
+}
+
+impl RenderArgs {
+    pub fn run(&self, log: &Log) -> Result<u8> {
+        let name = self.output.clone().unwrap_or_else(|| files::default_name(&self.scene.scene, ".exr"));
+        let outputs = Outputs::new(name, "exr", self.render.preview.clone(), self.render.overwrite)?;
+        let setup = Setup::new(&self.scene, &self.render, &[], log)?;
+        picture(&setup, Mode::Picture, &[], false, &self.render, &outputs, log)
+    }
+}
+
+/// Render in a mode that makes images, and write them.
+pub fn picture(
+    setup: &Setup,
+    mode: Mode,
+    wrt: &[String],
+    split_terms: bool,
+    options: &RenderOptions,
+    outputs: &Outputs,
+    log: &Log,
+) -> Result<u8> {
+    // Stopped while loading: there is nothing to write.
+    if let Some(code) = setup.stop.exit_code() {
+        return Ok(code);
+    }
+    let job = setup.job(mode, options);
+    let done = run::run(&job, options, log)?;
+    let report = run::report(setup, &done, options, &outputs.all(), wrt);
+    let (mut image, beyond) = files::image(&done.outcome, setup.crop, setup.full_size(), split_terms);
+    image.attributes = run::attributes(&report);
+    if beyond > 0 {
+        log.warn(format!("{beyond} values are too large or too small for the EXR's single precision"));
+    }
+    if let Some(w) = run::light_on_ray(setup, &done.outcome) {
+        log.warn(w);
+    }
+    exr::write(&outputs.main, &image)?;
+    if let Some(path) = &outputs.preview {
+        preview::write(path, &done.outcome.film)?;
+    }
+    let json = run::to_json(&report)?;
+    output::write_bytes(&outputs.report, format!("{json}\n").as_bytes())?;
+    if log.json {
+        log.result(json)?;
+    } else {
+        log.summary(run::summary(&report, outputs))?;
+    }
+    run::finish(setup, &report, &done.outcome)
+}

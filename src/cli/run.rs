@@ -1,0 +1,356 @@
+//! From options to a job of the driver, and from its outcome to report and header.
+
+use super::files::{self, Outputs};
+use super::format;
+use super::log::Log;
+use super::options::{RenderOptions, SceneOptions};
+use super::progress::{Display, Goal};
+use super::signal::Stop;
+use serde::Serialize;
+use std::path::Path;
+use tyndall::error::{Error, Result, Span, Warning, WarningKind};
+use tyndall::image::exr::Attribute;
+use tyndall::native;
+use tyndall::render::driver::{Job, Mode, Outcome};
+use tyndall::render::plan::Plan;
+use tyndall::render::report::{self, Parameter, PlanLine, Report, TermReport};
+use tyndall::scene::compile::LoadOptions;
+use tyndall::scene::desc::suggest;
+use tyndall::scene::parts::Parts;
+use tyndall::scene::{Scene, SceneDesc};
+
+/// A scene that is loaded, and what of it is rendered.
+pub struct Setup {
+    pub desc: SceneDesc,
+    pub scene: Scene,
+    pub plan: Plan,
+    pub sensor: usize,
+    pub crop: [usize; 4],
+    pub spp: u64,
+    pub seed: u64,
+    pub stop: Stop,
+}
+
+impl Setup {
+    /// All errors of the scene come here, before anything is rendered.
+    pub fn new(scene: &SceneOptions, o: &RenderOptions, wrt: &[String], log: &Log) -> Result<Self> {
+        let stop = Stop::install()?;
+        if let Some(n) = o.threads {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global();
+            pool.map_err(|e| Error::Runtime(format!("cannot start {n} threads: {e}")))?;
+        }
+        let start = std::time::Instant::now();
+        let desc = SceneDesc::load(&scene.scene, &scene.define)?;
+        let parts = Parts::read(&desc, &desc.values::<f64>())?;
+        let sensor = find_sensor(o.sensor.as_deref(), &parts)?;
+        let plan = Plan::new(&desc, wrt)?;
+        plan.refuse()?;
+        let film = parts.sensors[sensor].film;
+        let crop = match o.crop {
+            Some(c) if c[2] > film.width || c[3] > film.height => {
+                let what = format!(
+                    "`--crop` reaches {},{}, the picture has {} x {} pixels",
+                    c[2], c[3], film.width, film.height
+                );
+                return Err(Error::usage(what, "x1 is at most the width, y1 at most the height"));
+            }
+            Some(c) => c,
+            None => film.crop,
+        };
+        let scene = Scene::compile(&desc, &LoadOptions { repair_voxels: o.repair_voxels })?;
+        log.warnings(&scene.warnings);
+        let spp = o.spp.unwrap_or(parts.sensors[sensor].spp);
+        let seed = o.seed.unwrap_or(parts.sensors[sensor].seed);
+        log.detail(format!(
+            "loaded {} in {}: {}, {}, {}; sensor `{}`, {} x {} pixels, {spp} samples a pixel, seed {seed}, {}",
+            desc.path.display(),
+            format::duration(start.elapsed()),
+            format::plural(scene.shapes.len(), "shape"),
+            if scene.media.len() == 1 { "1 medium".into() } else { format!("{} media", scene.media.len()) },
+            format::plural(scene.lights.len(), "light"),
+            parts.sensors[sensor].name,
+            crop[2] - crop[0],
+            crop[3] - crop[1],
+            format::plural(rayon::current_num_threads(), "thread"),
+        ));
+        Ok(Setup { desc, scene, plan, sensor, crop, spp, seed, stop })
+    }
+
+    pub fn job<'a>(&'a self, mode: Mode<'a>, o: &RenderOptions) -> Job<'a> {
+        Job {
+            scene: &self.scene,
+            sensor: self.sensor,
+            crop: self.crop,
+            spp: self.spp,
+            seed: self.seed,
+            mode,
+            max_time: o.max_time,
+            target_error: o.target_error,
+            stop: Some(self.stop.flag()),
+        }
+    }
+
+    pub fn full_size(&self) -> [usize; 2] {
+        let s = &self.scene.sensors[self.sensor];
+        [s.width, s.height]
+    }
+
+    fn pixels(&self) -> usize {
+        (self.crop[2] - self.crop[0]) * (self.crop[3] - self.crop[1])
+    }
+}
+
+fn find_sensor(wanted: Option<&str>, parts: &Parts<f64>) -> Result<usize> {
+    let n = parts.sensors.len();
+    match wanted {
+        None => Ok(0),
+        Some("all") => {
+            let what = "`--sensor all` is not available yet";
+            Err(Error::usage(what, "render one sensor after the other: --sensor 0, --sensor 1, ..."))
+        }
+        Some(text) => {
+            if let Some(i) = parts.sensors.iter().position(|s| s.name == text) {
+                return Ok(i);
+            }
+            if let Ok(i) = text.parse::<usize>() {
+                if i < n {
+                    return Ok(i);
+                }
+                let what = format!("there is no sensor {i}: the scene has {}", format::plural(n, "sensor"));
+                return Err(Error::usage(what, "sensors count from 0"));
+            }
+            let remedy = suggest(text, parts.sensors.iter().map(|s| s.name.as_str()));
+            Err(Error::usage(format!("the scene has no sensor `{text}`"), remedy))
+        }
+    }
+}
+
+/// A finished job.
+pub struct Done {
+    pub outcome: Outcome,
+    pub cpu_seconds: Option<f64>,
+    pub complete: bool,
+}
+
+/// Run a job with progress display.
+pub fn run(job: &Job, o: &RenderOptions, log: &Log) -> Result<Done> {
+    let goal = Goal { max_time: job.max_time, target_error: job.target_error };
+    let before = cpu_seconds();
+    let display = Display::new(log, o.progress, goal);
+    let outcome = job.run(&|p| display.update(p))?;
+    drop(display);
+    let cpu_seconds = cpu_seconds().zip(before).map(|(b, a)| b - a);
+    // A run that stopped because it reached its error has done what it was asked for.
+    let complete = outcome.complete || outcome.target_reached == Some(true);
+    Ok(Done { outcome, cpu_seconds, complete })
+}
+
+/// CPU time of this process over all threads, as the system counts it (10 ms steps).
+fn cpu_seconds() -> Option<f64> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The program's name stands in brackets and may hold blanks; user and system time are fields 14 and 15.
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    let ticks: f64 = fields.get(11)?.parse::<f64>().ok()? + fields.get(12)?.parse::<f64>().ok()?;
+    Some(ticks / 100.0)
+}
+
+/// The report with what this program adds to it.
+#[derive(Serialize)]
+pub struct RunReport {
+    #[serde(flatten)]
+    pub report: Report,
+    /// Width and height of the picture, and the part of it that was rendered: x0, y0, x1, y1.
+    pub size: [usize; 2],
+    pub crop: [usize; 4],
+    pub samples: u64,
+    pub samples_per_second: f64,
+    /// Root mean square error of the pixels over the mean; null below two batches.
+    pub relative_error: Option<f64>,
+    pub layers: Vec<Layer>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub loss: Option<super::loss::LossReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gradient: Option<serde_json::Map<String, serde_json::Value>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub standard_error: Option<serde_json::Map<String, serde_json::Value>>,
+}
+
+/// A layer in numbers.
+#[derive(Serialize)]
+pub struct Layer {
+    pub name: String,
+    pub mean: [f64; 3],
+    pub mean_abs: f64,
+    /// Mean over pixels and channels of the variance of the mean.
+    pub variance: Option<f64>,
+    /// Root mean square error of the pixels over the mean absolute value.
+    pub relative_error: Option<f64>,
+}
+
+fn layers(o: &Outcome) -> Vec<Layer> {
+    let n = o.film.spec().pixels();
+    let layer = |(layer, name): (usize, &String)| {
+        let (mut mean, mut abs, mut variance) = ([0.0; 3], 0.0, Some(0.0));
+        for p in 0..n {
+            let m = o.film.mean(layer, p);
+            mean.iter_mut().zip(m.0).for_each(|(a, b)| *a += b / n as f64);
+            abs += m.abs().mean() / n as f64;
+            variance = variance.zip(o.film.variance_of_mean(layer, p)).map(|(s, v)| s + v.mean() / n as f64);
+        }
+        let relative_error = variance.map(|v: f64| v.sqrt() / abs).filter(|e| e.is_finite());
+        let name = if name.is_empty() { "picture".into() } else { name.clone() };
+        Layer { name, mean, mean_abs: abs, variance, relative_error }
+    };
+    o.film.spec().layers.iter().enumerate().map(layer).collect()
+}
+
+/// The report of a run: what ran, why, how well.
+pub fn report(s: &Setup, done: &Done, o: &RenderOptions, outputs: &[&Path], wrt: &[String]) -> RunReport {
+    let outcome = &done.outcome;
+    let samples = outcome.spp * s.pixels() as u64;
+    let mut r = Report::new();
+    r.version = env!("TYNDALL_VERSION").into();
+    r.embree = native::embree::version();
+    r.openvdb = native::vdb::version();
+    r.command = std::env::args().collect();
+    r.scene = s.desc.path.display().to_string();
+    r.scene_hash = format!("{:016x}", s.desc.hash);
+    r.parameters = s
+        .desc
+        .params
+        .iter()
+        .map(|p| Parameter { name: p.name.clone(), value: p.value, differentiated: wrt.contains(&p.name) })
+        .collect();
+    r.seed = s.seed;
+    r.spp = outcome.spp;
+    r.sample_range = [0, outcome.spp];
+    r.batches = outcome.film.batches().len();
+    r.threads = rayon::current_num_threads();
+    r.render_time_seconds = outcome.seconds;
+    r.complete = done.complete;
+    r.target_reached = outcome.target_reached;
+    r.plan = s
+        .plan
+        .lines
+        .iter()
+        .map(|l| PlanLine { term: l.term.clone(), used: l.decision == "use", reason: l.reason.clone() })
+        .collect();
+    r.set_health(&outcome.film.health, samples, o.health_limit);
+    r.warnings = s.scene.warnings.iter().map(Into::into).collect();
+    if let Some(w) = light_on_ray(s, outcome) {
+        r.warnings.push((&w).into());
+    }
+    r.peak_memory_bytes = report::peak_memory_bytes();
+    r.outputs = outputs.iter().map(|p| p.display().to_string()).collect();
+    let layers = layers(outcome);
+    if !wrt.is_empty() {
+        r.terms.push(interior(&layers[1..], samples, done));
+    }
+    RunReport {
+        report: r,
+        size: s.full_size(),
+        crop: s.crop,
+        samples,
+        samples_per_second: samples as f64 / outcome.seconds,
+        relative_error: layers.first().and_then(|l| l.relative_error),
+        layers,
+        loss: None,
+        gradient: None,
+        standard_error: None,
+    }
+}
+
+/// The one term there is; its time includes that of the picture's paths, which it is read from.
+fn interior(derivatives: &[Layer], samples: u64, done: &Done) -> TermReport {
+    let n = derivatives.len().max(1) as f64;
+    TermReport {
+        name: "interior".into(),
+        samples,
+        cpu_seconds: done.cpu_seconds.unwrap_or(f64::NAN),
+        variance: derivatives.iter().map(|l| l.variance).sum::<Option<f64>>().map(|v| v / n),
+        mean_abs: derivatives.iter().map(|l| l.mean_abs).sum::<f64>() / n,
+    }
+}
+
+/// The picture diverges where a zero-measure light lies on a camera ray.
+pub fn light_on_ray(s: &Setup, o: &Outcome) -> Option<Warning> {
+    o.light_on_ray.map(|[x, y]| Warning {
+        kind: WarningKind::LightOnRay,
+        span: Span { file: s.desc.path.clone(), line: 0, column: 0 },
+        what: format!("a light of zero measure lies on a camera ray of pixel ({x}, {y}): the picture diverges there"),
+        hint: "move the light or the camera by a hair".into(),
+    })
+}
+
+/// Header attributes [DESIGN 4].
+pub fn attributes(r: &RunReport) -> Vec<(String, Attribute)> {
+    let text = |s: &str| Attribute::Text(s.into());
+    let p = &r.report;
+    let values: serde_json::Map<_, _> =
+        p.parameters.iter().map(|p| (p.name.clone(), serde_json::json!(p.value))).collect();
+    let list = |used: bool| {
+        let mut names: Vec<&str> = p.plan.iter().filter(|l| l.used == used).map(|l| l.term.as_str()).collect();
+        names.dedup();
+        names
+    };
+    let run = list(true);
+    let left_out: Vec<&str> = list(false).into_iter().filter(|t| !run.contains(t)).collect();
+    let wrt: Vec<&str> = p.parameters.iter().filter(|p| p.differentiated).map(|p| p.name.as_str()).collect();
+    let mut v = vec![
+        ("software", text(&format!("tyndall {}", p.version))),
+        ("sceneHash", text(&p.scene_hash)),
+        ("parameters", Attribute::Text(serde_json::Value::Object(values).to_string())),
+        ("termsRun", text(&run.join(","))),
+        ("termsLeftOut", text(&left_out.join(","))),
+        ("seed", files::integer(p.seed)),
+        ("sampleRange", text(&format!("{}-{}", p.sample_range[0], p.sample_range[1]))),
+        ("spp", files::integer(p.spp)),
+        ("renderTimeSeconds", Attribute::Real(p.render_time_seconds)),
+        ("complete", Attribute::Integer(p.complete.into())),
+    ];
+    if !wrt.is_empty() {
+        v.push(("wrt", text(&wrt.join(","))));
+    }
+    v.into_iter().map(|(name, a)| (name.to_string(), a)).collect()
+}
+
+pub fn to_json(r: &impl Serialize) -> Result<String> {
+    serde_json::to_string_pretty(r).map_err(|e| Error::Runtime(format!("cannot write the report: {e}")))
+}
+
+/// The lines that people see at the end.
+pub fn summary(r: &RunReport, outputs: &Outputs) -> String {
+    let p = &r.report;
+    let [x0, y0, x1, y1] = r.crop;
+    let files: Vec<String> = outputs.all().iter().map(|f| f.display().to_string()).collect();
+    let mut text = format!(
+        "{} x {} pixels, {} a pixel, {}, {}samples/s\nrelative error {}, {}",
+        x1 - x0,
+        y1 - y0,
+        format::plural(p.spp as usize, "sample"),
+        format::time(p.render_time_seconds),
+        format::count(r.samples_per_second),
+        r.relative_error.map_or("unknown (one batch)".into(), format::percent),
+        format::plural(p.warnings.len(), "warning"),
+    );
+    for l in r.layers.iter().skip(1) {
+        let error = l.relative_error.map_or("unknown".into(), format::percent);
+        text += &format!("\n{}: mean |d| {}, relative error {error}", l.name, format::number(l.mean_abs));
+    }
+    if p.target_reached == Some(false) {
+        text += "\nthe target error was not reached";
+    }
+    if !p.complete {
+        text += "\nincomplete: stopped before all samples were taken";
+    }
+    text + "\nwrote " + &files.join(", ")
+}
+
+/// The end of a run whose outputs are written: the exit code.
+pub fn finish(s: &Setup, r: &RunReport, outcome: &Outcome) -> Result<u8> {
+    if let Some(code) = s.stop.exit_code() {
+        return Ok(code);
+    }
+    outcome.film.health.check(r.samples, r.report.health_limit)?;
+    Ok(0)
+}

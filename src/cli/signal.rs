@@ -1,0 +1,39 @@
+//! SIGINT and SIGTERM stop a run after the current batch; a second one ends the program at once.
+
+use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use tyndall::error::{Error, Result};
+
+pub struct Stop {
+    flag: Arc<AtomicBool>,
+    signal: Arc<AtomicUsize>,
+}
+
+impl Stop {
+    pub fn install() -> Result<Self> {
+        let stop = Stop { flag: Arc::default(), signal: Arc::default() };
+        let fail = |source| Error::Io { what: "cannot install signal handlers".into(), source };
+        for signal in [SIGINT, SIGTERM] {
+            // The order counts: the second signal finds the flag raised by the first.
+            signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, stop.flag.clone()).map_err(fail)?;
+            signal_hook::flag::register_usize(signal, stop.signal.clone(), signal as usize).map_err(fail)?;
+            signal_hook::flag::register(signal, stop.flag.clone()).map_err(fail)?;
+        }
+        // Snapshots do not exist yet; without a handler this signal would end the run.
+        signal_hook::flag::register(SIGUSR1, Arc::default()).map_err(fail)?;
+        Ok(stop)
+    }
+
+    pub fn flag(&self) -> &AtomicBool {
+        &self.flag
+    }
+
+    /// 128 + the signal that came.
+    pub fn exit_code(&self) -> Option<u8> {
+        match self.signal.load(Ordering::SeqCst) {
+            0 => None,
+            n => Some(128 + n as u8),
+        }
+    }
+}
