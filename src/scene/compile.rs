@@ -86,8 +86,10 @@ impl Scene {
             null,
             selection: Discrete::default(),
             local: Discrete::default(),
+            embedded: Discrete::default(),
         };
-        scene.prepare_lights();
+        let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();
+        scene.prepare_lights(&named);
         super::advice::advise(&mut scene, &parts);
         Ok(scene)
     }

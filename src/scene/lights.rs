@@ -11,7 +11,7 @@ const UNIFORM_SHARE: f64 = 0.25;
 
 impl Scene {
     /// Fill the selection tables; call when lights and bounds are known.
-    pub fn prepare_lights(&mut self) {
+    pub fn prepare_lights(&mut self, named: &[Option<usize>]) {
         let radius = self.bounds.radius();
         let power: Vec<f64> = self
             .lights
@@ -35,7 +35,13 @@ impl Scene {
         };
         let selection = table(&|i| self.lights[i].wants_connection());
         let local = table(&|i| self.lights[i].center().is_some());
+        let embedded = table(&|i| {
+            self.lights[i]
+                .center()
+                .is_some_and(|p| named[i].is_some() || super::advice::surrounding(self, p, None).is_some())
+        });
         self.selection = selection;
+        self.embedded = embedded;
         self.local = local;
     }
 
@@ -56,6 +62,19 @@ impl Scene {
 
     pub fn local_selection(&self, id: u32) -> f64 {
         if self.local.total > 0.0 { self.local.probability(id as usize) } else { 0.0 }
+    }
+
+    /// A light that stands in a medium, for the light-centred connection.
+    pub fn select_embedded_light(&self, u: f64) -> Option<(u32, f64)> {
+        select(&self.embedded, u)
+    }
+
+    pub fn embedded_selection(&self, id: u32) -> f64 {
+        if self.embedded.total > 0.0 { self.embedded.probability(id as usize) } else { 0.0 }
+    }
+
+    pub fn has_embedded_lights(&self) -> bool {
+        self.embedded.total > 0.0
     }
 
     pub fn has_local_lights(&self) -> bool {

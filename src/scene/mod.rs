@@ -101,4 +101,6 @@ pub struct Scene {
     /// Probability of every light for a connection, and of every light with a position for the equi-angular one.
     pub selection: Discrete,
     pub local: Discrete,
+    /// Of every light that stands in a medium, for the light-centred one.
+    pub embedded: Discrete,
 }

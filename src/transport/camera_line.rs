@@ -160,7 +160,7 @@ fn side_estimates<R: Recorder>(
             lead.iter().for_each(|q| w.rec.side_span(q.span));
         }
         let density = |scene: &Scene, t: f64| forced_density(scene, piece, total, t).mean() * share.scatter;
-        connect::equiangular(w, &mut s.rng, piece.span, prefix * before, 0, first, density);
+        connect::equiangular(w, &mut s.rng, piece.span, prefix * before, 0, first, density, None);
     }
     if let Some(rng) = w.rec.candidate_rng() {
         let m = &w.scene.media[piece.span.medium as usize];
@@ -168,7 +168,7 @@ fn side_estimates<R: Recorder>(
             let p = piece.span.o + piece.span.w * t;
             let weight = prefix * before * weight;
             let density = forced_density(w.scene, piece, total, t).mean() * share.scatter;
-            let flight = Flight { span: Some(piece.span), density };
+            let flight = Flight { span: Some(piece.span), density, reach: None };
             w.rec.push(Event::Candidate { medium: piece.span.medium, p, w: piece.span.w, weight, flight });
         } else if piece.span.t1 == f64::INFINITY {
             w.rec.unbounded(piece.span.medium);
@@ -199,7 +199,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Piece
         s.r = Rgb::from_fn(|c| s.r[c] * density[c] / d);
     }
     s.hero = hero;
-    s.flight = Flight { span: Some(piece.span), density: density.mean() * p };
+    s.flight = Flight { span: Some(piece.span), density: density.mean() * p, reach: None };
     if R::ON {
         for q in &pieces[..k] {
             w.rec.push(Event::Span { span: q.span, prefix: None });

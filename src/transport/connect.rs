@@ -5,6 +5,7 @@
 //! the same span. Balance-heuristic weights of geometric densities [T](61); homogeneous transmittance counts as the
 //! survival probability of a sampled direction.
 
+use super::light_centred;
 use super::record::{Event, MediumSpan, Recorder};
 use super::transmit;
 use super::walk::{Flight, State, Walker};
@@ -29,7 +30,7 @@ pub fn direction_share(p_direction: f64, tau: Rgb, p_light: f64) -> f64 {
 }
 
 /// Distance geometry of a light beside a straight span.
-struct Angles {
+pub(super) struct Angles {
     /// Abscissa of the closest approach, distance there.
     t_closest: f64,
     h: f64,
@@ -39,7 +40,7 @@ struct Angles {
 }
 
 impl Angles {
-    fn new(light: DVec3, span: &MediumSpan) -> Self {
+    pub(super) fn new(light: DVec3, span: &MediumSpan) -> Self {
         let d = light - span.o;
         let t_closest = d.dot(span.w);
         let h = (d - span.w * t_closest).length();
@@ -56,7 +57,7 @@ impl Angles {
     }
 
     /// Density per length at abscissa `t` [T] 5.5.
-    fn density(&self, t: f64) -> f64 {
+    pub(super) fn density(&self, t: f64) -> f64 {
         let d = t - self.t_closest;
         self.h / (self.range * (self.h * self.h + d * d))
     }
@@ -65,7 +66,7 @@ impl Angles {
         (self.t_closest + self.h * (self.start + u * self.range).tan()).clamp(span.t0, span.t1)
     }
 
-    fn usable(&self) -> bool {
+    pub(super) fn usable(&self) -> bool {
         self.h > 0.0 && self.range > 0.0
     }
 }
@@ -77,9 +78,10 @@ fn flight_share(w: &Walker<impl Recorder>, id: u32, light: DVec3, flight: &Fligh
     if !angles.usable() {
         return 1.0;
     }
-    let flight = w.scene.selection(id) * flight.density;
+    let own = w.scene.selection(id) * flight.density;
     let equi = w.scene.local_selection(id) * angles.density(t);
-    if flight + equi > 0.0 { flight / (flight + equi) } else { 1.0 }
+    let centred = light_centred::density_per_length(w.scene, id, light, span.o + span.w * t, flight.reach);
+    if own > 0.0 { own / (own + equi + centred) } else { 0.0 }
 }
 
 /// Next-event estimation from a collision in medium `id` at `s.o`.
@@ -124,6 +126,7 @@ pub fn equiangular<R: Recorder>(
     depth: u32,
     first: u32,
     flight_density: impl Fn(&Scene, f64) -> f64,
+    reach: Option<(DVec3, f64)>,
 ) {
     let scene = w.scene;
     let Some((light, q)) = scene.select_local_light(rng.uniform()) else { return };
@@ -145,6 +148,7 @@ pub fn equiangular<R: Recorder>(
     }
     let equi = q * angles.density(t);
     let flight = scene.selection(light) * flight_density(scene, t);
+    let centred = light_centred::density_per_length(scene, light, center, p, reach);
     let part = MediumSpan { t1: t, ..span };
     // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
     let mut unscored = *rng;
@@ -155,9 +159,9 @@ pub fn equiangular<R: Recorder>(
     }
     let m = one_minus_cos(span.w, a.w);
     let f = medium.phase.eval(m);
-    let weight = prefix * transmittance * (f * a.factor / (equi + flight));
+    let weight = prefix * transmittance * (f * a.factor / (equi + flight + centred));
     let Some((t, _)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
-    score(w, &a, weight * t, first, Some((span.medium, m)), Some((span.medium, p, sigma_s)));
+    score(w, &a, weight * t, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)));
 }
 
 /// Weight against direction sampling, trace the shadow ray, score.
@@ -179,15 +183,15 @@ fn finish<R: Recorder>(
         let light = probability * a.pdf;
         weight *= light / (light + p_direction * survival(tau));
     }
-    score(w, a, weight, first, phase, None);
+    score(w, a, weight, first, [phase, None], None);
 }
 
-fn score<R: Recorder>(
+pub(super) fn score<R: Recorder>(
     w: &mut Walker<R>,
     a: &Arrival,
     weight: Rgb,
     first_span: u32,
-    phase: Option<(u32, f64)>,
+    phase: [Option<(u32, f64)>; 2],
     scatter: Option<(u32, DVec3, Rgb)>,
 ) {
     let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);

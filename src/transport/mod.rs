@@ -2,6 +2,7 @@
 
 pub mod camera_line;
 pub mod connect;
+pub mod light_centred;
 pub mod record;
 pub mod sweep;
 pub mod tracking;

@@ -31,6 +31,8 @@ pub struct Prefix {
     pub depth: u32,
     /// Where the span would have ended without a collision.
     pub t_end: f64,
+    /// How the span's direction was drawn.
+    pub reach: Option<(DVec3, f64)>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -58,7 +60,7 @@ pub enum Event {
         emission: Emission,
         first_span: u32,
         spans: u32,
-        phase: Option<(u32, f64)>,
+        phase: [Option<(u32, f64)>; 2],
         scatter: Option<(u32, DVec3, Rgb)>,
     },
 }

@@ -141,7 +141,8 @@ impl Candidates {
         let m = &self.facts.media[span.medium as usize].model;
         let weight = super::tracking::walked_weight(m, span, t, prefix.beta, prefix.r) * length;
         let whole = MediumSpan { t1: prefix.t_end, ..*span };
-        let flight = Flight { span: Some(whole), density: super::tracking::flight_density(m, &whole, t) };
+        let flight =
+            Flight { span: Some(whole), density: super::tracking::flight_density(m, &whole, t), reach: prefix.reach };
         self.medium(span.medium, span.o + span.w * t, span.w, weight, prefix.depth, flight);
     }
 
@@ -251,7 +252,7 @@ impl Sweep<'_> {
                     for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
                         self.transmittance(span, value, sink);
                     }
-                    if let Some((medium, m)) = phase {
+                    for (medium, m) in phase.iter().flatten() {
                         self.phase(*medium, *m, value, sink);
                     }
                     if let Some((medium, p, _)) = scatter {

@@ -8,9 +8,9 @@
 //! Techniques for one light path (direction or light sampling, free flight or equi-angular) are weighted by functions of
 //! the geometry alone, so the weights sum to one whatever the tracking inside them did.
 
-use super::connect;
 use super::record::{Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
+use super::{connect, light_centred};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
@@ -72,9 +72,17 @@ pub struct State {
 pub struct Flight {
     pub span: Option<MediumSpan>,
     pub density: f64,
+    /// The vertex that the span's direction was drawn at, and its density per solid angle; `None` on a camera line, whose
+    /// direction nothing else draws.
+    pub reach: Option<(DVec3, f64)>,
 }
 
 impl State {
+    /// How the current direction was drawn, see [`Flight::reach`].
+    pub fn reach(&self) -> Option<(DVec3, f64)> {
+        (self.pdf_direction > 0.0).then_some((self.vertex, self.pdf_direction))
+    }
+
     pub fn new(rng: Rng, o: DVec3, w: DVec3, medium: Option<u32>) -> Self {
         State {
             stage: Stage::Fly,
@@ -174,14 +182,15 @@ impl<'a, R: Recorder> Walker<'a, R> {
             let span = MediumSpan { medium: id, o: s.o, w: s.w, t0: 0.0, t1 };
             if connects {
                 let prefix = s.beta / s.r.mean();
-                let (first, depth) = (self.rec.side_len(), s.depth);
+                let (first, depth, reach) = (self.rec.side_len(), s.depth, s.reach());
                 let density = |_: &Scene, t: f64| tracking::flight_density(medium, &span, t);
-                connect::equiangular(self, &mut s.rng, span, prefix, depth, first, density);
+                connect::equiangular(self, &mut s.rng, span, prefix, depth, first, density, reach);
             }
             let (beta, r) = (s.beta, s.r);
             match tracking::fly(medium, &span, s) {
                 Some(t) => {
-                    s.flight = Flight { span: Some(span), density: tracking::flight_density(medium, &span, t) };
+                    let density = tracking::flight_density(medium, &span, t);
+                    s.flight = Flight { span: Some(span), density, reach: s.reach() };
                     self.walked(s, span, t, beta, r);
                     self.collide(s, t);
                 }
@@ -224,7 +233,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
         if R::ON {
             let t_end = span.t1;
             let span = MediumSpan { t1: t, ..span };
-            self.rec.push(Event::Span { span, prefix: Some(Prefix { beta, r, depth: s.depth, t_end }) });
+            let prefix = Prefix { beta, r, depth: s.depth, t_end, reach: s.reach() };
+            self.rec.push(Event::Span { span, prefix: Some(prefix) });
         }
     }
 
@@ -303,6 +313,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             self.rec.push(Event::Scatter { medium: id, p: s.o });
         }
         connect::from_medium(self, s, id);
+        light_centred::connect(self, s, light_centred::Vertex::Medium(id));
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let (w, m) = medium.phase.sample(s.w, u, v);
         if R::ON {
@@ -345,7 +356,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let surface = &self.scene.surfaces[shape.surface as usize];
         let k = s.depth + 1;
         let wi = -s.w;
-        if !self.may_scatter(k) || !surface.reflects(hit.n, wi) {
+        if !self.may_scatter(k) || !surface.reflects(hit.ns, wi) {
             s.stage = Stage::Done;
             return;
         }
@@ -355,7 +366,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         s.tau = Rgb::ZERO;
         s.on = On::at(&hit);
         if R::ON {
-            let prefix = Prefix { beta: s.beta, r: s.r, depth: k - 1, t_end: 0.0 };
+            let prefix = Prefix { beta: s.beta, r: s.r, depth: k - 1, t_end: 0.0, reach: None };
             self.rec.push(Event::Surface { surface: shape.surface, hit, wi, medium: s.medium, prefix });
         }
         match surface {
@@ -366,10 +377,11 @@ impl<'a, R: Recorder> Walker<'a, R> {
             s.stage = Stage::Done;
             return;
         }
-        connect::from_surface(self, s, surface, hit.n, wi);
+        connect::from_surface(self, s, surface, hit.ns, wi);
+        light_centred::connect(self, s, light_centred::Vertex::Surface(surface, hit.ns, wi));
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
-        let w = surface.sample(hit.n, wi, u, v);
-        s.pdf_direction = surface.eval_unit(hit.n, wi, w);
+        let w = surface.sample(hit.ns, wi, u, v);
+        s.pdf_direction = surface.eval_unit(hit.ns, wi, w);
         if s.pdf_direction <= 0.0 {
             s.stage = Stage::Done;
             return;

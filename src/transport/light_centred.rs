@@ -1,0 +1,124 @@
+//! The light-centred connection: the next vertex is drawn around a light that stands in a medium, and connected to both.
+//!
+//! `∫ f_x T(x,y) σ_s(y) f_y T(y,p) I / (r² d²) dy` ([T] 5.4, 5.5; r = ‖y-p‖, d = ‖y-x‖) has two poles. Directions from x with equi-angular or
+//! free-flight distances cancel the one at x; the rays of directions pass the light at distance h with density ~ h dh and score 1/h, so
+//! their second moment still grows like a logarithm. Drawing y by a uniform direction and a half-Cauchy distance from the light,
+//! `p(y) = 2R / (π (R² + r²)) / (4π r²)` with R = ‖x-p‖, cancels the pole at the light; the balance heuristic of the three bounds all [T](61), (63).
+
+use super::connect::{self, Angles};
+use super::record::{MediumSpan, Recorder};
+use super::walk::{State, Walker};
+use super::{tracking, transmit};
+use crate::math::{DVec3, Rgb, warp};
+use crate::phase::one_minus_cos;
+use crate::scene::{On, Scene};
+use crate::surface::Surface;
+use std::f64::consts::PI;
+
+/// What scatters at x.
+pub enum Vertex<'a> {
+    Medium(u32),
+    /// Surface, shading normal, direction toward the previous vertex.
+    Surface(&'a Surface, DVec3, DVec3),
+}
+
+/// Density per volume of drawing a point at distance `r` from the light, for a vertex at distance `radius` from it.
+fn density(r: f64, radius: f64) -> f64 {
+    2.0 * radius / (PI * (radius * radius + r * r)) / (4.0 * PI * r * r)
+}
+
+/// The same as a density per length along the span that reached `y` from a vertex with a direction of known density.
+pub fn density_per_length(scene: &Scene, light: u32, center: DVec3, y: DVec3, reach: Option<(DVec3, f64)>) -> f64 {
+    let q = scene.embedded_selection(light);
+    match reach {
+        Some((x, p_direction)) if q > 0.0 => {
+            let d2 = (y - x).length_squared();
+            q * density((y - center).length(), (x - center).length()) * d2 / p_direction
+        }
+        _ => 0.0,
+    }
+}
+
+/// Connect the vertex at `s.o` to a light through a point drawn around that light.
+pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
+    let scene = w.scene;
+    if !scene.has_embedded_lights() || !w.may_scatter(s.depth + 1) {
+        return;
+    }
+    let Some((light, q)) = scene.select_embedded_light(s.rng.uniform()) else { return };
+    let (u, v, z) = (s.rng.uniform(), s.rng.uniform(), s.rng.uniform());
+    let Some(center) = scene.lights[light as usize].center() else { return };
+    let radius = (center - s.o).length();
+    let r = radius * (0.5 * PI * u).tan();
+    let y = center + warp::sphere(v, z) * r;
+    let to_y = y - s.o;
+    let d = to_y.length();
+    if r <= 0.0 || d <= 0.0 || !d.is_finite() {
+        return;
+    }
+    let direction = to_y / d;
+    let (f, first_phase) = match &vertex {
+        Vertex::Medium(id) => {
+            let m = one_minus_cos(s.w, direction);
+            (scene.media[*id as usize].phase.eval(m), Some((*id, m)))
+        }
+        Vertex::Surface(surface, n, wi) => (surface.eval_unit(*n, *wi, direction), None),
+    };
+    if f <= 0.0 {
+        return;
+    }
+
+    // March to the span that holds y.
+    let first = w.rec.side_len();
+    let (mut o, mut on, mut medium, mut before) = (s.o, s.on, s.medium, 0.0);
+    let mut transmittance = Rgb::ONE;
+    let span = loop {
+        let hit = scene.intersect(o, direction, f64::INFINITY, &on, medium);
+        let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+        let holds = before + t1 >= d;
+        let end = if holds { d - before } else { t1 };
+        if let Some(id) = medium {
+            let part = MediumSpan { medium: id, o, w: direction, t0: 0.0, t1: end.max(0.0) };
+            transmittance *= transmit::one_span(scene, &part, &mut s.rng);
+            if R::ON {
+                w.rec.side_span(part);
+            }
+            if holds {
+                break MediumSpan { t1, ..part };
+            }
+        }
+        let Some(h) = hit else { return };
+        let shape = &scene.shapes[h.shape as usize];
+        if holds || !scene.surfaces[shape.surface as usize].is_null() || transmittance.is_zero() {
+            return;
+        }
+        medium = shape.medium_behind(direction, h.n, medium);
+        on = on.crossed(&h, scene.tolerance(h.p));
+        o = h.p;
+        before += h.t;
+    };
+    let t = (d - before).max(0.0);
+    let m = &scene.media[span.medium as usize];
+    let (_, sigma_s) = m.coefficients(y);
+    if sigma_s.is_zero() && !R::ON {
+        return;
+    }
+
+    // The three techniques for y, per volume.
+    let per_length = f / (d * d);
+    let flight = scene.selection(light) * tracking::flight_density(m, &span, t) * per_length;
+    let angles = Angles::new(center, &span);
+    let equi = if angles.usable() { scene.local_selection(light) * angles.density(t) * per_length } else { 0.0 };
+    let own = q * density(r, radius);
+    let Some(a) = scene.arrival(light, y, v, z) else { return };
+    let m2 = one_minus_cos(direction, a.w);
+    let weight =
+        s.beta / s.r.mean() * transmittance * (per_length * m.phase.eval(m2) * a.factor / (flight + equi + own));
+
+    // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
+    let mut unscored = s.rng;
+    let rng = if sigma_s.is_zero() { &mut unscored } else { &mut s.rng };
+    let Some((shadow, _)) = transmit::shadow(w, rng, Some(span.medium), y, &On::default(), &a) else { return };
+    let phases = [first_phase, Some((span.medium, m2))];
+    connect::score(w, &a, weight * shadow, first, phases, Some((span.medium, y, sigma_s)));
+}
