@@ -12,5 +12,6 @@ pub mod render;
 pub mod scene;
 pub mod sensor;
 pub mod shape;
+pub mod study;
 pub mod surface;
 pub mod transport;

@@ -247,3 +247,31 @@ proptest! {
         }
     }
 }
+
+/// Plugins, files and ranges: the whole way to a scene that could be rendered, or to the plan that refuses a parameter.
+#[test]
+fn plugins_refuse_with_place_and_remedy() {
+    use tyndall::render::plan::Plan;
+    use tyndall::scene::Scene;
+    use tyndall::scene::compile::LoadOptions;
+    let n = check_folder("tests/bad_plugins", |path| {
+        let desc = SceneDesc::load(path, &[])?;
+        if let Some(wrt) = expectation(path).get(2).and_then(|f| f.strip_prefix("wrt ")) {
+            return Plan::new(&desc, &[wrt.to_owned()])?.refuse();
+        }
+        Scene::compile(&desc, &LoadOptions::default()).map(|_| ())
+    });
+    assert!(n >= 60, "{n} scenes");
+}
+
+#[test]
+fn repair_voxels_counts_what_it_did() {
+    use tyndall::error::WarningKind;
+    use tyndall::scene::Scene;
+    use tyndall::scene::compile::LoadOptions;
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bad_plugins/vol_nan.xml");
+    let desc = SceneDesc::load(&path, &[]).unwrap();
+    let scene = Scene::compile(&desc, &LoadOptions { repair_voxels: true }).unwrap();
+    let warning = scene.warnings.iter().find(|w| w.kind == WarningKind::RepairedVoxels).unwrap();
+    assert!(warning.what.contains("1 voxels"), "{warning}");
+}

@@ -106,7 +106,11 @@ fn derivatives_agree_with_finite_differences() {
             // Independent errors: an upper bound, common random numbers only help.
             let se = ((a.error[c].powi(2) + b.error[c].powi(2)).sqrt() / (2.0 * h)).hypot(d.error[c]);
             println!("{name} {c}: {} +- {} fd {fd} +- {se}", d.value[c], d.error[c]);
-            assert!((d.value[c] - fd).abs() <= 5.0 * se + 0.01 * fd.abs(), "{name} channel {c}: {} vs {fd} +- {se}", d.value[c]);
+            assert!(
+                (d.value[c] - fd).abs() <= 5.0 * se + 0.01 * fd.abs(),
+                "{name} channel {c}: {} vs {fd} +- {se}",
+                d.value[c]
+            );
         }
     }
 }

@@ -45,7 +45,12 @@ fn every_row_of_the_table() {
 
     expect("only values", foggy_room, Motion { values: true, ..still }, "P");
     expect("medium moved, border vanishes", fog, Motion { volume: true, ..still }, "P");
-    expect("medium moved, density jump", Facts { border_jump: true, ..fog }, Motion { volume: true, border: true, ..still }, "P N");
+    expect(
+        "medium moved, density jump",
+        Facts { border_jump: true, ..fog },
+        Motion { volume: true, border: true, ..still },
+        "P N",
+    );
     expect("area light moves, no occluder", fog, Motion { area_light: true, ..still }, "M");
     expect("environment turns", foggy_room, Motion { environment: true, ..still }, "P");
     expect("area light moves, occluders, fog", foggy_room, Motion { area_light: true, ..still }, "M E1 E2 E3");
@@ -91,9 +96,8 @@ fn every_row_of_the_table() {
 
 /// Scenes, so that facts and motion are tested too.
 fn plan(body: &str, wrt: &str) -> Plan {
-    let text = format!(
-        r#"<scene version="3.0.0"><default name="x" value="0.2"/><integrator type="volpath"/>{body}</scene>"#
-    );
+    let text =
+        format!(r#"<scene version="3.0.0"><default name="x" value="0.2"/><integrator type="volpath"/>{body}</scene>"#);
     let desc = SceneDesc::parse(&text, Path::new("plan.xml"), &[]).unwrap();
     Plan::new(&desc, &[wrt.to_string()]).unwrap()
 }
@@ -110,14 +114,48 @@ const WALL: &str = r#"<shape type="rectangle"><bsdf type="diffuse"/></shape>"#;
 fn scenes_give_their_rows() {
     let cases = [
         (format!(r#"{CAMERA}<medium type="homogeneous" id="f"><float name="sigma_t" value="$x"/></medium>"#), "P", ""),
-        (format!(r#"{CAMERA}{FOG}{WALL}<emitter type="point"><point name="position" value="$x, 0, 0"/></emitter>"#), "", "M E2 G R"),
+        (
+            format!(r#"{CAMERA}{FOG}{WALL}<emitter type="point"><point name="position" value="$x, 0, 0"/></emitter>"#),
+            "",
+            "M E2 G R",
+        ),
         (format!(r#"{CAMERA}{FOG}<emitter type="point"><point name="position" value="$x, 0, 0"/></emitter>"#), "", "M"),
-        (format!(r#"{CAMERA}{WALL}<emitter type="directional"><vector name="direction" x="$x" y="0" z="1"/></emitter>"#), "", "M R"),
+        (
+            format!(
+                r#"{CAMERA}{WALL}<emitter type="directional"><vector name="direction" x="$x" y="0" z="1"/></emitter>"#
+            ),
+            "",
+            "M R",
+        ),
         (format!(r#"<sensor type="perspective"><float name="fov" value="$x"/></sensor>{FOG}"#), "", "M"),
-        (format!(r#"<sensor type="perspective"><transform name="to_world"><translate x="$x"/></transform></sensor>{WALL}"#), "", "M E1 E3"),
-        (format!(r#"{CAMERA}{FOG}<shape type="sphere"><float name="radius" value="$x"/><bsdf type="diffuse"/></shape>"#), "", "M E1 E2 E3"),
-        (format!(r#"{CAMERA}{FOG}<shape type="cube"><transform name="to_world"><translate x="$x"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>"#), "", "N"),
-        (format!(r#"{CAMERA}<shape type="rectangle"><transform name="to_world"><translate x="$x"/></transform><emitter type="area"/></shape>"#), "", "M"),
+        (
+            format!(
+                r#"<sensor type="perspective"><transform name="to_world"><translate x="$x"/></transform></sensor>{WALL}"#
+            ),
+            "",
+            "M E1 E3",
+        ),
+        (
+            format!(
+                r#"{CAMERA}{FOG}<shape type="sphere"><float name="radius" value="$x"/><bsdf type="diffuse"/></shape>"#
+            ),
+            "",
+            "M E1 E2 E3",
+        ),
+        (
+            format!(
+                r#"{CAMERA}{FOG}<shape type="cube"><transform name="to_world"><translate x="$x"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>"#
+            ),
+            "",
+            "N",
+        ),
+        (
+            format!(
+                r#"{CAMERA}<shape type="rectangle"><transform name="to_world"><translate x="$x"/></transform><emitter type="area"/></shape>"#
+            ),
+            "",
+            "M",
+        ),
         (format!(r#"{CAMERA}<emitter type="point"><rgb name="intensity" value="$x"/></emitter>"#), "P", ""),
     ];
     for (body, use_, missing) in cases {

@@ -123,7 +123,8 @@ mod tests {
     #[test]
     fn sampling_matches_the_density_and_integrates_the_map() {
         let (w, h) = (16, 8);
-        let texels: Vec<[f32; 3]> = (0..w * h).map(|i| [((i * 7919) % 13) as f32 + if i == 37 { 200.0 } else { 0.0 }; 3]).collect();
+        let texels: Vec<[f32; 3]> =
+            (0..w * h).map(|i| [((i * 7919) % 13) as f32 + if i == 37 { 200.0 } else { 0.0 }; 3]).collect();
         let e = Envmap::new(w, h, texels, DMat3::from_rotation_x(0.7));
         let mut rng = Rng::keyed(1, 0, 0, 0);
         // E[L/p] over the sampler equals the integral by uniform directions (6 s.e.; false alarm 2e-9).
@@ -135,9 +136,8 @@ mod tests {
                 e.radiance(d)[0] / p
             })
             .collect();
-        let b: crate::math::stats::Moments = (0..n)
-            .map(|_| e.radiance(crate::math::warp::sphere(rng.uniform(), rng.uniform()))[0] * 4.0 * PI)
-            .collect();
+        let b: crate::math::stats::Moments =
+            (0..n).map(|_| e.radiance(crate::math::warp::sphere(rng.uniform(), rng.uniform()))[0] * 4.0 * PI).collect();
         assert!((a.mean - b.mean).abs() < 6.0 * a.standard_error().hypot(b.standard_error()), "{a:?} {b:?}");
         assert!(a.standard_error() < b.standard_error());
     }

@@ -86,12 +86,7 @@ pub fn inverse_square<R: Real>(u: V3<R>) -> R {
 
 impl Light {
     pub fn emission(&self, unit: Rgb) -> Emission {
-        Emission {
-            first: self.slot,
-            per_channel: !matches!(self.kind, LightKind::Envmap(_)),
-            unit,
-            value: self.value,
-        }
+        Emission { first: self.slot, per_channel: !matches!(self.kind, LightKind::Envmap(_)), unit, value: self.value }
     }
 
     /// Zero-measure: only next-event estimation finds it.

@@ -253,7 +253,8 @@ impl Job<'_> {
                 };
                 if tally.light_on_ray > on_ray {
                     if let Ok(mut first) = light_on_ray.lock() {
-                        *first = Some(first.map_or([x, y], |f: [usize; 2]| if (f[1], f[0]) <= (y, x) { f } else { [x, y] }));
+                        *first =
+                            Some(first.map_or([x, y], |f: [usize; 2]| if (f[1], f[0]) <= (y, x) { f } else { [x, y] }));
                     }
                 }
                 // A sample that is not a number is left out whole and counted, never set to 0 in silence.
@@ -282,6 +283,7 @@ fn count(health: &Health, t: &Tally) {
     health.add(Mishap::TruncatedEnergy, t.capped);
     health.add(Mishap::MissedBoundaries, t.missed_boundary);
     health.add(Mishap::LightOnRay, t.light_on_ray);
+    health.add(Mishap::UnboundedVacuum, t.unbounded_vacuum);
 }
 
 /// Root mean square of the standard errors over the mean of the picture.

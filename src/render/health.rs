@@ -46,6 +46,8 @@ kinds! {
     MissedBoundaries = "missed_boundaries", biases: true;
     /// A root search (shadow edge, specular chain) that did not settle.
     UnsettledRoots = "unsettled_roots", biases: true;
+    /// A derivative asked of a medium without extinction and without end: part of it is missing.
+    UnboundedVacuum = "unbounded_vacuum", biases: true;
     /// A zero-measure light on a camera ray: the picture diverges there.
     LightOnRay = "light_on_ray", biases: false;
 }

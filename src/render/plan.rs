@@ -218,7 +218,11 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(facets && f.reflecting, &[E3], "the refracted direction jumps at facet edges");
     add(m.interface && f.beyond_interface, &[VE], "edges are seen through a moving interface");
     let anything = m.opaque || m.camera || m.zero_measure_light || m.area_light;
-    add(anything && f.dielectric && f.occluders && f.beyond_interface, &[VE], "an occluder is seen through an interface");
+    add(
+        anything && f.dielectric && f.occluders && f.beyond_interface,
+        &[VE],
+        "an occluder is seen through an interface",
+    );
     need
 }
 
@@ -281,12 +285,11 @@ impl Plan {
         let Some((name, term, why)) = self.missing.first() else { return Ok(()) };
         let rest: Vec<String> = self.missing.iter().map(|m| format!("{} ({})", m.1.room(), m.1.letters())).collect();
         Err(Error::usage(
+            format!("d/d{name} needs {} ({}), which is not available yet: {why}", term.room(), term.what()),
             format!(
-                "d/d{name} needs {} ({}), which is not available yet: {why}",
-                term.room(),
-                term.what()
+                "without it the picture would be biased; missing: {}. `tyndall plan` shows all terms",
+                rest.join(", ")
             ),
-            format!("without it the picture would be biased; missing: {}. `tyndall plan` shows all terms", rest.join(", ")),
         ))
     }
 }
@@ -326,7 +329,8 @@ pub fn facts(p: &Parts<f64>) -> Facts {
 
 /// What moves: which tangents of the parts are not zero.
 pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
-    let mut m = Motion { values: d.slots().iter().any(|(_, _, v)| v.iter().any(|x| x.d[0] != 0.0)), ..Motion::default() };
+    let mut m =
+        Motion { values: d.slots().iter().any(|(_, _, v)| v.iter().any(|x| x.d[0] != 0.0)), ..Motion::default() };
     for (what, x) in d.movable() {
         if x.iter().all(|x| x.d[0] == 0.0) {
             continue;
@@ -339,7 +343,8 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
                     (_, Some(_)) => {
                         m.area_light = true;
                         // A lamp is opaque too: alone it hides nothing but itself.
-                        m.opaque |= p.shapes.iter().filter(|s| !matches!(p.surfaces[s.surface], SurfacePart::Null)).count() > 1;
+                        m.opaque |=
+                            p.shapes.iter().filter(|s| !matches!(p.surfaces[s.surface], SurfacePart::Null)).count() > 1;
                     }
                     _ => m.opaque = true,
                 }

@@ -11,8 +11,8 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::error::{Error, Result};
-use crate::render::font;
 use crate::image::output;
+use crate::render::font;
 use crate::render::png::Canvas;
 
 #[derive(Clone, Debug, Default)]

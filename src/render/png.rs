@@ -6,10 +6,10 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use crate::error::{Error, Result};
-use crate::math::Rgb;
-use crate::render::font;
 use crate::image::environment::RgbImage;
 use crate::image::output;
+use crate::math::Rgb;
+use crate::render::font;
 
 /// How linear radiance becomes display brightness, before the sRGB curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

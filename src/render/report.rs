@@ -5,8 +5,8 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::error::{Error, Result, Warning, WarningKind};
-use crate::render::health::Health;
 use crate::image::output;
+use crate::render::health::Health;
 
 /// Everything a reader needs to judge and repeat a run. Missing facts are null, never invented.
 #[derive(Clone, Debug, Default, Serialize)]

@@ -16,7 +16,9 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
             found.push(warning(
                 WarningKind::CameraInUnnamedMedium,
                 &part.span,
-                format!("the sensor stands inside medium `{name}` but does not name it: the fog begins behind its boundary"),
+                format!(
+                    "the sensor stands inside medium `{name}` but does not name it: the fog begins behind its boundary"
+                ),
                 format!("add <ref id=\"{name}\"/> to the sensor"),
             ));
         }
@@ -37,7 +39,11 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
         found.push(warning(
             WarningKind::LargeCoordinates,
             &Span { file: parts.sensors[0].span.file.clone(), line: 0, column: 0 },
-            format!("the scene stands at coordinates of {:.1e}, {:.1e} of its size", scene.bounds.magnitude(), scene.bounds.magnitude() / scene.bounds.radius()),
+            format!(
+                "the scene stands at coordinates of {:.1e}, {:.1e} of its size",
+                scene.bounds.magnitude(),
+                scene.bounds.magnitude() / scene.bounds.radius()
+            ),
             "move it near the origin: mesh files hold single precision".into(),
         ));
     }

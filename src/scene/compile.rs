@@ -10,7 +10,6 @@ use crate::light::{Light, LightKind};
 use crate::math::discrete::Discrete;
 use crate::math::{DMat3, DVec3, Rgb};
 use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
-use crate::native::embree;
 use crate::params::{ParamSet, Quantity, SlotTable};
 use crate::phase::Phase;
 use crate::sensor::{Projection, Sensor};
@@ -61,10 +60,8 @@ impl Scene {
             bounds = l.center().map_or(bounds, |c| bounds.with_point(c));
         }
         set_kappa(&mut media, &shapes, &bounds);
-        let environment = lights
-            .iter()
-            .position(|l| matches!(l.kind, LightKind::Constant | LightKind::Envmap(_)))
-            .map(|i| i as u32);
+        let environment =
+            lights.iter().position(|l| matches!(l.kind, LightKind::Constant | LightKind::Envmap(_))).map(|i| i as u32);
         let (opaque, null) = groups(&shapes, &surfaces)?;
         let i = parts.integrator;
         let mut scene = Scene {
@@ -305,28 +302,10 @@ fn set_kappa(media: &mut [Medium], shapes: &[Instance], bounds: &Bounds) {
     }
 }
 
-/// Opaque shapes and null interfaces, each with its own Embree scene for meshes.
+/// Opaque shapes and null interfaces, each with its own Embree scene.
 fn groups(shapes: &[Instance], surfaces: &[Surface]) -> Result<(Group, Group)> {
-    let mut out = Vec::new();
-    for null in [false, true] {
-        let mut g = Group::default();
-        let mut builder = None;
-        for (i, s) in shapes.iter().enumerate().filter(|(_, s)| surfaces[s.surface as usize].is_null() == null) {
-            if let Shape::Mesh(m) = &s.shape {
-                let b: &mut embree::SceneBuilder = match &mut builder {
-                    Some(b) => b,
-                    none => none.insert(embree::SceneBuilder::new()?),
-                };
-                b.add_triangles(m.vertices.clone(), m.faces.clone())?;
-                g.geometry.push(i as u32);
-            } else {
-                g.simple.push(i as u32);
-            }
-        }
-        g.bvh = builder.map(embree::SceneBuilder::commit).transpose()?;
-        out.push(g);
-    }
-    let null = out.pop().unwrap_or_default();
-    let opaque = out.pop().unwrap_or_default();
-    Ok((opaque, null))
+    let members = |null: bool| -> Vec<u32> {
+        (0..shapes.len() as u32).filter(|&i| surfaces[shapes[i as usize].surface as usize].is_null() == null).collect()
+    };
+    Ok((Group::build(shapes, &members(false))?, Group::build(shapes, &members(true))?))
 }

@@ -5,11 +5,13 @@
 //! so: a null interface is entered only from its outside medium and left only from its inside one. So
 //! coincident interfaces, cameras on a boundary and fog boxes that touch walls need no offset.
 
-use super::Scene;
+use super::{Instance, Scene};
+use crate::error::Result;
 use crate::light::Arrival;
 use crate::math::DVec3;
-use crate::native::embree::{Bvh, Ray};
+use crate::native::embree::{Bvh, Ray, SceneBuilder, UserPrimitives};
 use crate::shape::{Geometry, Shape, Start};
+use std::sync::Arc;
 
 /// A point where a ray meets a surface.
 #[derive(Clone, Copy, Debug)]
@@ -54,21 +56,92 @@ impl On {
         self.faces[..self.len as usize].iter().rev().find(|f| f.0 == shape).map(|f| f.1)
     }
 
-    fn last(&self) -> Option<(u32, u32)> {
-        (self.len > 0).then(|| self.faces[self.len as usize - 1])
+    fn iter(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        self.faces[..self.len as usize].iter().rev().copied()
     }
 }
 
-/// Shapes of one kind (opaque or null): meshes in Embree, simple shapes in a list.
+/// What an Embree geometry stands for.
+enum Entry {
+    /// A mesh: the primitive is the face.
+    Mesh(u32),
+    /// Analytic shapes: a primitive is one face of one shape.
+    Faces(Vec<(u32, u32)>),
+}
+
+/// Shapes of one kind (opaque or null): meshes in Embree; analytic shapes in a list while they are few, in Embree as user
+/// geometry when they are many.
 #[derive(Default)]
 pub struct Group {
-    pub bvh: Option<Bvh>,
-    /// Embree geometry -> shape.
-    pub geometry: Vec<u32>,
-    pub simple: Vec<u32>,
+    bvh: Option<Bvh>,
+    entries: Vec<Entry>,
+    /// Shape -> Embree geometry; `u32::MAX` where it is not in Embree.
+    geometry_of: Vec<u32>,
+    simple: Vec<u32>,
+}
+
+/// More analytic shapes than this go into Embree.
+const LISTED: usize = 8;
+
+/// Faces of analytic shapes for Embree.
+struct Faces(Vec<(Shape, u32)>);
+
+impl UserPrimitives for Faces {
+    fn intersect(&self, prim: u32, ray: &Ray, t_min: f64, t_max: f64) -> Option<(f64, [f64; 2])> {
+        let (shape, face) = &self.0[prim as usize];
+        let start = ray.exclude.map(|_| Start { face: *face });
+        let found = match shape {
+            // One face of a cube: the crossing that lies on it.
+            Shape::Cube(c) if start.is_none() => {
+                c.crossings(ray.o, ray.d)?.into_iter().find(|h| h.face == *face && h.t > t_min && h.t < t_max)?
+            }
+            Shape::Cube(_) => return None,
+            s => s.intersect(ray.o, ray.d, t_min, t_max, start)?,
+        };
+        Some((found.t, found.uv.into()))
+    }
 }
 
 impl Group {
+    /// Shapes (by index) of one kind.
+    pub fn build(shapes: &[Instance], members: &[u32]) -> Result<Group> {
+        let mut group = Group::default();
+        let (mut meshes, mut simple) = (Vec::new(), Vec::new());
+        for &i in members {
+            let list = if matches!(shapes[i as usize].shape, Shape::Mesh(_)) { &mut meshes } else { &mut simple };
+            list.push(i);
+        }
+        let listed = simple.len() <= LISTED;
+        if meshes.is_empty() && listed {
+            group.simple = simple;
+            return Ok(group);
+        }
+        let mut builder = SceneBuilder::new()?;
+        group.geometry_of = vec![u32::MAX; shapes.len()];
+        for i in meshes {
+            if let Shape::Mesh(m) = &shapes[i as usize].shape {
+                group.geometry_of[i as usize] = builder.add_triangles(m.vertices.clone(), m.faces.clone())?;
+                group.entries.push(Entry::Mesh(i));
+            }
+        }
+        if listed {
+            group.simple = simple;
+        } else {
+            let mut faces = Vec::new();
+            for i in simple {
+                let count = if matches!(shapes[i as usize].shape, Shape::Cube(_)) { 6 } else { 1 };
+                faces.extend((0..count).map(|f| (i, f)));
+            }
+            let prims: Vec<(Shape, u32)> = faces.iter().map(|&(i, f)| (shapes[i as usize].shape.clone(), f)).collect();
+            let bounds = prims.iter().map(|(s, _)| (s.bounds().min, s.bounds().max)).collect();
+            let geom = builder.add_user(bounds, Arc::new(Faces(prims)))?;
+            faces.iter().for_each(|f| group.geometry_of[f.0 as usize] = geom);
+            group.entries.push(Entry::Faces(faces));
+        }
+        group.bvh = Some(builder.commit()?);
+        Ok(group)
+    }
+
     /// Nearest acceptable hit with `t` in `(-tolerance, t_max)`.
     fn nearest(&self, scene: &Scene, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Medium) -> Option<Hit> {
         let tolerance = scene.tolerance(o);
@@ -96,18 +169,28 @@ impl Group {
         }
         if let Some(bvh) = &self.bvh {
             let limit = best.map_or(t_max, |b| b.0);
-            let ray = Ray { o, d: w, t_max: limit, exclude: self.exclude(on) };
+            // Begin a few ulps behind the origin: a surface that coincides with the one just passed must not be missed.
+            let ray = Ray { o: o - w * tolerance, d: w, t_max: limit + tolerance, exclude: self.exclude(on) };
             if let Some(h) = bvh.intersect(&ray) {
-                best = Some((h.t, self.geometry[h.geom as usize], h.prim));
+                let (shape, face) = match &self.entries[h.geom as usize] {
+                    Entry::Mesh(shape) => (*shape, h.prim),
+                    Entry::Faces(list) => list[h.prim as usize],
+                };
+                best = Some((h.t - tolerance, shape, face));
             }
         }
         best.map(|(t, shape, face)| scene.hit(t, o + w * t, shape, face))
     }
 
     fn exclude(&self, on: &On) -> Option<(u32, u32)> {
-        let (shape, face) = on.last()?;
-        let geom = self.geometry.iter().position(|&g| g == shape)?;
-        Some((geom as u32, face))
+        on.iter().find_map(|(shape, face)| {
+            let geom = *self.geometry_of.get(shape as usize)?;
+            match self.entries.get(geom as usize)? {
+                Entry::Mesh(_) => Some((geom, face)),
+                // Listed in the order of shapes and faces.
+                Entry::Faces(list) => Some((geom, list.binary_search(&(shape, face)).ok()? as u32)),
+            }
+        })
     }
 }
 
@@ -146,7 +229,7 @@ impl Scene {
     pub fn intersect(&self, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Option<u32>) -> Option<Hit> {
         let null = self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium));
         let limit = null.as_ref().map_or(t_max, |h| h.t);
-        // At equal distance the null interface comes first: the surface behind it is met in the medium it stands in.
+        // At equal distance the surface is met inside the medium; either order keeps the bookkeeping consistent.
         self.opaque.nearest(self, o, w, limit, on, Medium::Any).or(null)
     }
 
@@ -170,7 +253,8 @@ impl Scene {
         });
         simple
             || self.opaque.bvh.as_ref().is_some_and(|bvh| {
-                bvh.occluded(&Ray { o: p, d: a.w, t_max, exclude: self.opaque.exclude(on) })
+                let exclude = self.opaque.exclude(on);
+                bvh.occluded(&Ray { o: p - a.w * tolerance, d: a.w, t_max: t_max + tolerance, exclude })
             })
     }
 }

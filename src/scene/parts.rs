@@ -315,9 +315,7 @@ impl<R: Real> Reader<'_, R> {
     pub fn medium_child(&mut self, n: &Node, name: &str) -> Result<Option<usize>> {
         match n.named(name)? {
             Some(m) if m.tag == "medium" => Ok(Some(self.medium(m)?)),
-            Some(m) => {
-                Err(n.err(name, format!("`{name}` is a <{}>", m.tag), "refer to a <medium> here"))
-            }
+            Some(m) => Err(n.err(name, format!("`{name}` is a <{}>", m.tag), "refer to a <medium> here")),
             None => Ok(None),
         }
     }

@@ -21,7 +21,8 @@ fn require(n: &Node, prop: &str, ok: bool, what: String, remedy: &str) -> Result
 }
 
 fn needs_file(n: &Node) -> Result<PathBuf> {
-    n.path("filename")?.ok_or_else(|| n.err("filename", "no `filename`", "add <string name=\"filename\" value=\"...\"/>"))
+    n.path("filename")?
+        .ok_or_else(|| n.err("filename", "no `filename`", "add <string name=\"filename\" value=\"...\"/>"))
 }
 
 impl<R: Real> Reader<'_, R> {
@@ -135,7 +136,13 @@ impl<R: Real> Reader<'_, R> {
                     None => cutoff * 0.75,
                 };
                 let (c, b) = (cutoff.value(), beam.value());
-                require(n, "cutoff_angle", c > 0.0 && c < 180.0, format!("cutoff_angle is {c}"), "use 0 < angle < 180")?;
+                require(
+                    n,
+                    "cutoff_angle",
+                    c > 0.0 && c < 180.0,
+                    format!("cutoff_angle is {c}"),
+                    "use 0 < angle < 180",
+                )?;
                 let text = format!("beam_width is {b}, cutoff_angle {c}");
                 require(n, "beam_width", b >= 0.0 && b < c, text, "use 0 <= beam_width < cutoff_angle")?;
                 let to_world = n.transform(env, "to_world")?;
@@ -233,7 +240,13 @@ impl<R: Real> Reader<'_, R> {
                 let filter = v.string("filter_type", "trilinear")?;
                 let wrap = v.string("wrap_mode", "clamp")?;
                 let smooth = filter == "trilinear";
-                require(v, "filter_type", smooth || filter == "nearest", format!("filter_type is `{filter}`"), "use trilinear or nearest")?;
+                require(
+                    v,
+                    "filter_type",
+                    smooth || filter == "nearest",
+                    format!("filter_type is `{filter}`"),
+                    "use trilinear or nearest",
+                )?;
                 require(v, "wrap_mode", wrap == "clamp", format!("wrap_mode `{wrap}`"), "only clamp is available")?;
                 // `raw` says that values are not colours: they never are here.
                 v.bool("raw", true)?;

@@ -17,7 +17,8 @@ pub fn load_vol(
     options: &LoadOptions,
     warnings: &mut Vec<Warning>,
 ) -> Result<Grid> {
-    let fail = |what: String| Error::scene(span, what, "give a Mitsuba .vol file (version 3, float32, 1 or 3 channels)");
+    let fail =
+        |what: String| Error::scene(span, what, "give a Mitsuba .vol file (version 3, float32, 1 or 3 channels)");
     let mut vol = Vol::read(path).map_err(|e| fail(e.to_string()))?;
     if let Err(bad) = vol.validate(true) {
         if !options.repair_voxels {

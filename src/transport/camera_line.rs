@@ -170,6 +170,8 @@ fn side_estimates<R: Recorder>(
             let density = forced_density(w.scene, piece, total, t).mean() * share.scatter;
             let flight = Flight { span: Some(piece.span), density };
             w.rec.push(Event::Candidate { medium: piece.span.medium, p, w: piece.span.w, weight, flight });
+        } else if piece.span.t1 == f64::INFINITY {
+            w.rec.unbounded(piece.span.medium);
         }
     }
 }

@@ -30,4 +30,5 @@ fn add_tally(to: &mut Tally, from: &Tally) {
     to.truncated += from.truncated;
     to.light_on_ray += from.light_on_ray;
     to.missed_boundary += from.missed_boundary;
+    to.unbounded_vacuum += from.unbounded_vacuum;
 }

@@ -7,10 +7,10 @@ use super::sweep::Candidates;
 use super::walk::{Flight, State};
 use crate::light::Emission;
 use crate::math::rng::Rng;
-use crate::scene::Hit;
 use crate::math::{DVec3, Rgb};
+use crate::scene::Hit;
 
-/// Events held at a time.
+/// Events held at a time, unless a test asks for less.
 pub const CHUNK: usize = 4096;
 
 /// A straight piece inside one medium.
@@ -72,6 +72,8 @@ pub trait Recorder {
     fn side_len(&self) -> u32;
     /// Called before every flight; true stops the walk there (regeneration of one chunk).
     fn checkpoint(&mut self, state: &State) -> bool;
+    /// A medium span of the camera line without end and without extinction: no candidate can be drawn.
+    fn unbounded(&mut self, _medium: u32) {}
     /// The stream for candidates on the camera line; `None` where none are wanted.
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
         None
@@ -93,7 +95,6 @@ impl Recorder for NoRecord {
     }
 }
 
-
 /// One chunk of events, and the states at the starts of all chunks but the first.
 pub struct PathRecord {
     pub events: Vec<Event>,
@@ -101,11 +102,21 @@ pub struct PathRecord {
     pub chunk_starts: Vec<State>,
     /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
     pub candidates: Option<Candidates>,
+    /// Events held at a time.
+    pub chunk: usize,
+    unused: Rng,
 }
 
 impl PathRecord {
     pub fn new() -> Self {
-        PathRecord { events: Vec::with_capacity(CHUNK), side: Vec::new(), chunk_starts: Vec::new(), candidates: None }
+        PathRecord {
+            events: Vec::with_capacity(CHUNK),
+            side: Vec::new(),
+            chunk_starts: Vec::new(),
+            candidates: None,
+            chunk: CHUNK,
+            unused: Rng::keyed(0, 0, 0, 0),
+        }
     }
 
     /// Ready for a new path.
@@ -138,7 +149,7 @@ impl Recorder for PathRecord {
     }
 
     fn checkpoint(&mut self, state: &State) -> bool {
-        if self.events.len() < CHUNK {
+        if self.events.len() < self.chunk {
             return false;
         }
         let Some(candidates) = &mut self.candidates else { return true };
@@ -150,7 +161,14 @@ impl Recorder for PathRecord {
         false
     }
 
+    fn unbounded(&mut self, medium: u32) {
+        if let Some(c) = &mut self.candidates {
+            c.note_unbounded(medium);
+        }
+    }
+
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
-        self.candidates.as_mut().map(|c| &mut c.rng)
+        // A regenerated chunk must hold as many events as the first time; its candidates are not looked at.
+        Some(self.candidates.as_mut().map_or(&mut self.unused, |c| &mut c.rng))
     }
 }

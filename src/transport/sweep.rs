@@ -45,6 +45,7 @@ pub struct Candidates {
     /// Shares of the source derivative: by derivative vertices, by collision scores (dimensionless).
     by_vertex: f64,
     by_score: f64,
+    unbounded: u64,
 }
 
 /// Which media and surfaces have active slots: computed once a run.
@@ -90,7 +91,12 @@ impl SweepFacts {
 
 impl Candidates {
     pub fn new(facts: &Arc<SweepFacts>, rng: Rng) -> Self {
-        Candidates { rng, facts: facts.clone(), total: 0.0, chosen: None, by_vertex: 0.0, by_score: 0.0 }
+        Candidates { rng, facts: facts.clone(), total: 0.0, chosen: None, by_vertex: 0.0, by_score: 0.0, unbounded: 0 }
+    }
+
+    /// The camera line had an unbounded vacuum without a candidate.
+    pub fn note_unbounded(&mut self, medium: u32) {
+        self.unbounded += u64::from(self.facts.media[medium as usize].source);
     }
 
     /// Offer every candidate of a chunk.
@@ -124,7 +130,11 @@ impl Candidates {
     /// A uniform point on the walked part of a span: `E[length g(U)] = integral of T g` [T](53).
     fn span(&mut self, span: &MediumSpan, prefix: &Prefix) {
         let length = span.t1 - span.t0;
-        if !self.facts.media[span.medium as usize].source || !(length > 0.0 && length < f64::INFINITY) {
+        if !self.facts.media[span.medium as usize].source || length <= 0.0 {
+            return;
+        }
+        if length == f64::INFINITY {
+            self.unbounded += 1;
             return;
         }
         let t = span.t0 + self.rng.uniform() * length;
@@ -317,6 +327,7 @@ impl Sweep<'_> {
 
     /// The vertex's share of the source derivative: one forced continuation [T](65).
     fn derivative_vertex(&self, c: Candidates, sink: &mut impl Sink, tally: &mut Tally) {
+        tally.unbounded_vacuum += c.unbounded;
         let Candidates { mut rng, total, chosen, by_vertex, by_score, .. } = c;
         let Some((vertex, weight, depth, selection)) = chosen else { return };
         // Continue in proportion to the share that this estimator carries; never less than one path in a thousand.

@@ -207,11 +207,7 @@ pub fn transmittance_point(m: &Medium, span: &MediumSpan, depth: Rgb, rng: &mut 
                 return None;
             }
             // t = -log1p(-u (1 - e^{-sigma D})) / sigma, uniform where sigma D is tiny.
-            let t = if depth[c] < 1e-8 {
-                u * length
-            } else {
-                -(-(u * -(-depth[c]).exp_m1())).ln_1p() / sigma[c]
-            };
+            let t = if depth[c] < 1e-8 { u * length } else { -(-(u * -(-depth[c]).exp_m1())).ln_1p() / sigma[c] };
             let density = Rgb::from_fn(|k| {
                 let total = if depth[k] < 1e-8 { length } else { -(-depth[k]).exp_m1() / sigma[k] };
                 (-sigma[k] * t).exp() / total

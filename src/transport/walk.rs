@@ -106,6 +106,8 @@ pub struct Tally {
     pub truncated: f64,
     pub light_on_ray: u64,
     pub missed_boundary: u64,
+    /// Derivatives asked of a vacuum without end: no candidate could be drawn there.
+    pub unbounded_vacuum: u64,
 }
 
 pub struct Walker<'a, R: Recorder> {
@@ -253,7 +255,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let medium = &self.scene.media[span.medium as usize];
         let p = span.o + span.w * t;
         let Some((sigma_a, color)) = medium.glow(p) else { return };
-        let (first, unit) = if medium.slots.emission == NO_SLOT { (NO_SLOT, color) } else { (medium.slots.emission, Rgb::ONE) };
+        let (first, unit) =
+            if medium.slots.emission == NO_SLOT { (NO_SLOT, color) } else { (medium.slots.emission, Rgb::ONE) };
         let value = if first == NO_SLOT { Rgb::ONE } else { color };
         let emission = crate::light::Emission { first, per_channel: true, unit, value };
         self.value += weight * sigma_a * emission.color();

@@ -8,8 +8,8 @@ use std::path::Path;
 use tyndall::math::Rgb;
 use tyndall::params::ParamSet;
 use tyndall::render::driver::{Job, Mode, Outcome};
-use tyndall::scene::SceneDesc;
 use tyndall::scene::Scene;
+use tyndall::scene::SceneDesc;
 use tyndall::scene::compile::LoadOptions;
 
 /// A scene from text, relative to the project's folder.

@@ -1,0 +1,47 @@
+# The commands of the README. Each installs what it needs (scripts/setup.sh), then builds and runs.
+
+.PHONY: all setup build demo test lint unit embree4 docs stress bench install clean
+
+all: build
+
+setup:
+	@scripts/setup.sh
+
+build: setup
+	cargo build --release
+
+# Pictures of a VDB scene and of a derivative: EXR, report and PNG in out/.
+demo: setup
+	@scripts/demo.sh
+
+# The gate: everything that has to hold on every commit.
+test: setup lint unit docs embree4
+
+lint:
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
+
+unit:
+	cargo test --workspace
+
+docs:
+	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
+
+# The native wrappers against Embree 4 (Debian 13's), in a target folder of its own; where Embree 4 is installed already,
+# `unit` has tested it.
+embree4:
+	@scripts/test-embree4.sh
+
+# Slow suites.
+stress: build
+	target/release/tyndall stress --suite core
+	cargo test --release --test analytic -- --ignored --nocapture
+
+bench: build
+	benches/run.sh
+
+install: setup
+	cargo install --path . --locked
+
+clean:
+	cargo clean

@@ -1,0 +1,153 @@
+//! Media bookkeeping and geometry: coincident interfaces, many analytic shapes, meshes against their analytic twins.
+
+mod common;
+use common::{estimate, run, scene};
+use std::fmt::Write;
+use tyndall::render::driver::Mode;
+
+const FRAME: &str = r#"<integrator type="volpath"><integer name="max_depth" value="12"/></integrator>
+  <sensor type="perspective"><float name="fov" value="45"/><transform name="to_world"><lookat origin="1, 2, 6" target="0, 0.5, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="box"/></film></sensor>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.7"/><float name="albedo" value="0.9"/></medium>
+  <medium type="homogeneous" id="smoke"><float name="sigma_t" value="1.5"/><float name="albedo" value="0.5"/></medium>
+  <emitter type="point"><point name="position" x="0" y="4" z="3"/><rgb name="intensity" value="30"/></emitter>
+  <emitter type="constant"><rgb name="radiance" value="0.3"/></emitter>"#;
+
+/// Pictures agree pixel by pixel: |z| <= 5 (false alarm 6e-7 each).
+fn agree(name: &str, a: &str, b: &str, spp: u64) {
+    let (_, a) = scene(&format!(r#"<scene version="3.0.0">{FRAME}{a}</scene>"#));
+    let (_, b) = scene(&format!(r#"<scene version="3.0.0">{FRAME}{b}</scene>"#));
+    let (a, b) = (run(&a, spp, 1, Mode::Picture), run(&b, spp, 2, Mode::Picture));
+    assert_eq!(a.film.health.biasing() + b.film.health.biasing(), 0);
+    for p in 0..a.film.spec().pixels() {
+        let d = a.film.mean(0, p) - b.film.mean(0, p);
+        let v = a.film.variance_of_mean(0, p).unwrap() + b.film.variance_of_mean(0, p).unwrap();
+        let z = d[0] / v[0].sqrt();
+        assert!(
+            d[0] == 0.0 || z.abs() <= 5.0,
+            "{name}: pixel {p}: {:?} {:?} z {z}",
+            a.film.mean(0, p),
+            b.film.mean(0, p)
+        );
+    }
+    let (ea, eb) = (estimate(&a, 0), estimate(&b, 0));
+    let z = (ea.value[0] - eb.value[0]) / ea.error[0].hypot(eb.error[0]);
+    assert!(z.abs() <= 4.5, "{name}: {ea:?} {eb:?} z {z}");
+}
+
+fn cube(x: [f64; 3], s: [f64; 3], medium: &str) -> String {
+    format!(
+        r#"<shape type="cube"><transform name="to_world"><scale x="{}" y="{}" z="{}"/><translate x="{}" y="{}" z="{}"/></transform>
+        <bsdf type="null"/><ref name="interior" id="{medium}"/></shape>"#,
+        s[0], s[1], s[2], x[0], x[1], x[2]
+    )
+}
+
+const FLOOR: &str = r#"<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="9"/></transform><bsdf type="diffuse"/></shape>"#;
+
+#[test]
+fn a_box_cut_in_two_is_the_same_box() {
+    // The halves share a face; both stand on the floor, so interfaces coincide with a surface too.
+    let whole = cube([0.0, 1.0, 0.0], [1.0; 3], "fog");
+    let halves = cube([-0.5, 1.0, 0.0], [0.5, 1.0, 1.0], "fog") + &cube([0.5, 1.0, 0.0], [0.5, 1.0, 1.0], "fog");
+    agree("halves", &(whole + FLOOR), &(halves + FLOOR), 2048);
+}
+
+#[test]
+fn boxes_of_two_media_side_by_side() {
+    let gap = 1e-9;
+    let touching = cube([-0.5, 1.0, 0.0], [0.5, 1.0, 1.0], "fog") + &cube([0.5, 1.0, 0.0], [0.5, 1.0, 1.0], "smoke");
+    let apart =
+        cube([-0.5 - gap, 1.0, 0.0], [0.5, 1.0, 1.0], "fog") + &cube([0.5, 1.0 + gap, 0.0], [0.5, 1.0, 1.0], "smoke");
+    agree("two media", &(touching + FLOOR), &(apart + FLOOR), 2048);
+}
+
+#[test]
+fn a_mesh_box_is_an_analytic_box() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut obj = String::new();
+    for z in [-1, 1] {
+        for y in [-1, 1] {
+            for x in [-1, 1] {
+                writeln!(obj, "v {x} {y} {z}").unwrap();
+            }
+        }
+    }
+    for f in ["1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"] {
+        writeln!(obj, "f {f}").unwrap();
+    }
+    let path = dir.path().join("box.obj");
+    std::fs::write(&path, obj).unwrap();
+    let mesh = |bsdf: &str, medium: &str| {
+        format!(
+            r#"<shape type="obj"><string name="filename" value="{}"/><transform name="to_world"><translate y="1"/></transform>{bsdf}{medium}</shape>"#,
+            path.display()
+        )
+    };
+    let fog = r#"<ref name="interior" id="fog"/>"#;
+    agree(
+        "null box",
+        &(cube([0.0, 1.0, 0.0], [1.0; 3], "fog") + FLOOR),
+        &(mesh(r#"<bsdf type="null"/>"#, fog) + FLOOR),
+        2048,
+    );
+    let solid =
+        r#"<shape type="cube"><transform name="to_world"><translate y="1"/></transform><bsdf type="diffuse"/></shape>"#;
+    agree("solid box", &format!("{solid}{FLOOR}"), &(mesh(r#"<bsdf type="diffuse"/>"#, "") + FLOOR), 2048);
+}
+
+#[test]
+fn many_analytic_shapes_go_into_embree_and_stay_the_same() {
+    let ball = |x: f64, z: f64, r: f64| {
+        format!(
+            r#"<shape type="sphere"><point name="center" x="{x}" y="{r}" z="{z}"/><float name="radius" value="{r}"/><bsdf type="diffuse"/></shape>"#
+        )
+    };
+    let block = |x: f64, z: f64| {
+        format!(
+            r#"<shape type="cube"><transform name="to_world"><scale value="0.2"/><translate x="{x}" y="0.2" z="{z}"/></transform><bsdf type="diffuse"/></shape>"#
+        )
+    };
+    let few = FLOOR.to_string() + &ball(-0.6, 0.0, 0.5) + &ball(0.7, 0.3, 0.4) + &block(0.0, 1.0);
+    // Ten more balls far below the floor: unseen, but the list is long enough for Embree.
+    let many = (0..10).fold(few.clone(), |s, i| s + &ball(i as f64, -500.0, 0.1));
+    agree("many shapes", &few, &many, 4096);
+}
+
+#[test]
+fn a_camera_that_names_its_medium_needs_no_warning_and_one_that_does_not_gets_it() {
+    let text = |inside: &str| {
+        format!(
+            r#"<scene version="3.0.0"><integrator type="volpath"/><medium type="homogeneous" id="fog"/>
+            <sensor type="perspective">{inside}</sensor><shape type="cube"><bsdf type="null"/><ref name="interior" id="fog"/></shape></scene>"#
+        )
+    };
+    let (_, named) = scene(&text(r#"<ref id="fog"/>"#));
+    assert!(named.warnings.is_empty(), "{:?}", named.warnings);
+    let (_, unnamed) = scene(&text(""));
+    assert_eq!(unnamed.warnings.len(), 1);
+    assert!(unnamed.warnings[0].to_string().contains("add <ref id=\"fog\"/>"));
+}
+
+#[test]
+fn boundaries_that_let_no_light_in_or_leak_are_warned_of() {
+    let kind = |bsdf: &str| {
+        let (_, s) = scene(&format!(
+            r#"<scene version="3.0.0"><integrator type="volpath"/><medium type="homogeneous" id="fog"/><sensor type="perspective">
+            <transform name="to_world"><translate z="-5"/></transform></sensor><shape type="cube">{bsdf}<ref name="interior" id="fog"/></shape></scene>"#
+        ));
+        s.warnings.iter().map(|w| w.kind).collect::<Vec<_>>()
+    };
+    assert!(kind(r#"<bsdf type="null"/>"#).is_empty());
+    assert_eq!(kind(""), [tyndall::error::WarningKind::MediumBehindOpaqueBoundary]);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("open.obj");
+    std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\n").unwrap();
+    let (_, s) = scene(&format!(
+        r#"<scene version="3.0.0"><integrator type="volpath"/><medium type="homogeneous" id="fog"/><sensor type="perspective">
+        <transform name="to_world"><translate z="-5"/></transform></sensor><shape type="obj"><string name="filename" value="{}"/>
+        <bsdf type="null"/><ref name="interior" id="fog"/></shape></scene>"#,
+        path.display()
+    ));
+    assert!(s.warnings.iter().any(|w| w.kind == tyndall::error::WarningKind::LeakyBoundary), "{:?}", s.warnings);
+}

@@ -1,0 +1,113 @@
+//! The stability suite. Here a fast part of it with few paths; all of it with `make stress`, or
+//! `cargo test --release --test stress -- --ignored --nocapture`.
+//!
+//! Each comparison of the suite allows 4 standard errors: a false-alarm rate of 6e-5; seeds are fixed.
+
+use tyndall::study::{StressOptions, StressRow, Suite, Summary, Verdict, run};
+
+/// Rows that are known not to be ok, by what the engine still lacks. They may become ok.
+const OPEN: [(&str, &str, Verdict); 4] = [
+    // The derivative vertex costs more variance than it saves at sigma_s ~ kappa.
+    ("benign", "R_1:d_tau", Verdict::Noise),
+    // A number that is not finite is refused by place, without the name of its property.
+    ("invalid-input", "", Verdict::Bias),
+    ("g-endpoints", "", Verdict::Bias),
+    // Samples that are not finite are counted, but not at their pixel.
+    ("nan-policy", "", Verdict::Bias),
+];
+
+fn rows(options: &StressOptions) -> (Vec<StressRow>, Summary) {
+    let mut rows = Vec::new();
+    println!("{}", StressRow::HEADER);
+    let summary = run(options, &mut |r| {
+        println!("{r}");
+        rows.push(r.clone());
+    });
+    (rows, summary.unwrap_or_else(|e| panic!("{e}")))
+}
+
+fn open(r: &StressRow) -> bool {
+    OPEN.iter().any(|(c, q, v)| *c == r.case && (q.is_empty() || *q == r.quantity) && *v == r.verdict)
+}
+
+/// A case with a fraction of its paths, untimed: every row ok, open or not yet due.
+fn quick(case: &str, effort: f64) -> Vec<StressRow> {
+    let (rows, _) = rows(&StressOptions { case: Some(case.into()), effort, threads: 2, ..Default::default() });
+    let fine = |r: &&StressRow| matches!(r.verdict, Verdict::Ok | Verdict::NotYet) || open(r);
+    let bad: Vec<String> = rows.iter().filter(|r| !fine(r)).map(|r| r.to_string()).collect();
+    assert!(bad.is_empty(), "{}", bad.join("\n"));
+    assert!(rows.iter().any(|r| r.verdict == Verdict::Ok));
+    rows
+}
+
+macro_rules! quick {
+    ($($test:ident: $case:literal, $effort:literal;)*) => {
+        $(#[test]
+        fn $test() {
+            quick($case, $effort);
+        })*
+    };
+}
+
+quick! {
+    thin_1e_6: "thin-1e-6", 0.1;
+    thin_1e_3: "thin-1e-3", 0.1;
+    vacuum_derivative: "vacuum-derivative", 0.1;
+    black_1e5: "black-1e5", 0.1;
+    thick_absorbing: "thick-absorbing-underflow", 0.1;
+    g_minus_099: "g-minus-0.99", 0.1;
+    airlight_1e_6: "airlight-h1e-6-s0-g0", 0.1;
+    airlight_s10: "airlight-h1e-3-s10-g0.5", 0.1;
+    light_on_ray: "light-on-ray", 0.1;
+    point_irradiance_near: "point-irradiance-s1-r1e-4", 0.1;
+    point_irradiance_dark: "point-irradiance-s100-r1", 0.1;
+    linear_density: "T-linear-density-00", 0.1;
+    linear_density_dark: "T-linear-density-04", 0.1;
+    exponential_density: "T-exponential-density-02", 0.1;
+    grid_equals_homogeneous: "grid-equals-homogeneous", 0.05;
+    grid_all_zero: "grid-all-zero", 0.1;
+    grid_invalid_voxels: "grid-invalid-voxels", 0.1;
+    camera_on_boundary: "camera-on-boundary", 0.05;
+    translation: "translation-invariance", 0.05;
+    rng_endpoints: "rng-endpoints", 0.1;
+    film_accumulation: "film-accumulation", 0.1;
+    nan_policy: "nan-policy", 0.1;
+    thread_determinism: "thread-determinism", 0.1;
+    g_endpoints: "g-endpoints", 0.1;
+    invalid_input: "invalid-input", 0.1;
+    degenerate_geometry: "degenerate-geometry", 0.1;
+}
+
+#[test]
+fn benign() {
+    let rows = quick("benign", 0.1);
+    assert_eq!(rows.len(), 8);
+    // The suite sees an error of one per cent at full effort: 4 standard errors are less than that.
+    assert!(rows.iter().all(|r| r.stderr > 0.0 && r.stderr < 0.02 * r.reference.abs()));
+}
+
+#[test]
+fn unknown_cases_are_refused_and_missing_features_listed() {
+    let nothing = StressOptions { case: Some("benihn".into()), ..Default::default() };
+    let e = run(&nothing, &mut |_| {}).unwrap_err();
+    assert!(e.to_string().contains("did you mean `benign`"), "{e}");
+    let rows = quick_any("ior-1.5");
+    assert!(rows.len() == 1 && rows[0].verdict == Verdict::NotYet);
+    let json = serde_json::to_value(&rows[0]).unwrap();
+    assert!(json["value"].is_null() && json["verdict"] == "not-yet" && json["case"] == "ior-1.5");
+}
+
+fn quick_any(case: &str) -> Vec<StressRow> {
+    rows(&StressOptions { case: Some(case.into()), effort: 0.1, threads: 2, ..Default::default() }).0
+}
+
+/// All rows, printed; fails if one is not ok. `STRESS_CASE` names one case, `STRESS_SUITE=all` adds the extended ones.
+#[test]
+#[ignore = "minutes: run by `make stress`"]
+fn full_core_suite() {
+    let suite = if std::env::var("STRESS_SUITE").is_ok_and(|s| s == "all") { Suite::All } else { Suite::Core };
+    let case = std::env::var("STRESS_CASE").ok();
+    let (_, summary) = rows(&StressOptions { case, suite, ..Default::default() });
+    println!("{summary:?}");
+    summary.check().unwrap_or_else(|e| panic!("{e}"));
+}
