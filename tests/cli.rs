@@ -359,7 +359,7 @@ fn a_stopped_run_leaves_a_whole_file() {
         let i = b.exr("fog.exr");
         assert_eq!(i.attribute("complete").unwrap().as_integer(), Some(0));
         let spp = i.attribute("spp").unwrap().as_integer().unwrap();
-        assert!(spp >= 1250 && spp < 40000, "{spp}");
+        assert!((1250..40000).contains(&spp), "{spp}");
         assert_eq!(b.files(), ["fog.exr", "fog.json", "fog.xml"]);
     }
 }
@@ -369,7 +369,7 @@ fn version_help_completions_and_man() {
     let b = Bench::new();
     let v = b.expect(0, "--version").stdout;
     assert!(v.starts_with("tyndall ") && v.contains("\nEmbree ") && v.contains("\nOpenVDB "), "{v}");
-    for c in ["render", "grad", "info", "plan"] {
+    for c in ["render", "grad", "info", "plan", "stress"] {
         assert!(b.expect(0, "--help").stdout.contains(c));
         assert!(b.expect(0, &format!("{c} --help")).stdout.contains("Usage:"));
         assert!(b.expect(0, &format!("man {c}")).stdout.contains(&format!("tyndall\\-{c}")));
@@ -422,6 +422,17 @@ fn info_knows_every_kind_of_file() {
     b.expect(2, "info tri.obj -D a=1");
     fs::write(b.path("what.txt"), "").unwrap();
     b.expect(2, "info what.txt");
+}
+
+#[test]
+fn stress_prints_rows_and_judges_them() {
+    let b = Bench::new();
+    let r = b.expect(0, "stress --case rng-endpoints --json").json();
+    assert!(!r["rows"].as_array().unwrap().is_empty());
+    assert_eq!(r["summary"]["failed"], 0);
+    let r = b.expect(0, "stress --case rng-endpoints");
+    assert!(r.stdout.starts_with("case ") && r.stdout.contains("\nrng-endpoints"), "{}", r.stdout);
+    assert!(b.expect(2, "stress --case rng-endpoint").stderr.contains("did you mean `rng-endpoints`"));
 }
 
 #[test]
