@@ -302,6 +302,17 @@ fn goals_end_a_run() {
 }
 
 #[test]
+fn the_health_limit_is_an_exit_code() {
+    let b = Bench::new();
+    // Every sample is out of the film's range and left out.
+    let r = b.expect(3, "render fog.xml -D intensity=1e300");
+    assert!(r.stderr.contains("health limit") && r.stderr.contains("3072 overflow"), "{}", r.stderr);
+    assert_eq!(b.files(), ["fog.exr", "fog.json", "fog.xml"]);
+    let r = b.expect(0, "render fog.xml -D intensity=1e300 --health-limit 1 --json --overwrite").json();
+    assert_eq!((&r["health_limit_exceeded"], &r["health"]["overflow"]), (&false.into(), &3072.into()));
+}
+
+#[test]
 fn reverse_mode_is_the_adjoint_of_forward_mode() {
     let b = Bench::new();
     b.expect(0, "render fog.xml --seed 5 -o adj.exr");
