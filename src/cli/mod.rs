@@ -18,6 +18,7 @@ mod progress;
 mod render;
 mod run;
 mod signal;
+mod stress;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use log::Log;
@@ -43,6 +44,7 @@ enum Command {
     Grad(grad::GradArgs),
     Info(info::InfoArgs),
     Plan(plan::PlanArgs),
+    Stress(stress::StressArgs),
     #[command(hide = true)]
     Completions(completions::CompletionsArgs),
     #[command(hide = true)]
@@ -56,6 +58,7 @@ impl Command {
             Command::Grad(a) => a.run(log),
             Command::Info(a) => a.run(log),
             Command::Plan(a) => a.run(log),
+            Command::Stress(a) => a.run(log),
             Command::Completions(a) => a.run(log),
             Command::Man(a) => a.run(log),
         }
@@ -67,6 +70,7 @@ impl Command {
             Command::Grad(a) => a.log.clone(),
             Command::Info(a) => a.log.clone(),
             Command::Plan(a) => a.log.clone(),
+            Command::Stress(a) => a.log.clone(),
             Command::Completions(_) | Command::Man(_) => options::LogOptions::default(),
         }
     }

@@ -330,7 +330,7 @@ pub fn summary(r: &RunReport, outputs: &Outputs) -> String {
         format::plural(p.spp as usize, "sample"),
         format::time(p.render_time_seconds),
         format::count(r.samples_per_second),
-        r.relative_error.map_or("unknown (one batch)".into(), format::percent),
+        r.relative_error.map_or("unknown".into(), format::percent),
         format::plural(p.warnings.len(), "warning"),
     );
     for l in r.layers.iter().skip(1) {

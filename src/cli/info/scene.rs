@@ -197,7 +197,8 @@ fn volume(v: &VolumePart<f64>) -> String {
 fn medium_text(m: &tyndall::scene::parts::MediumPart<f64>) -> String {
     let phase = m.g.map_or("isotropic".into(), |g| format!("hg, g {}", number(g)));
     let (density, albedo) = (volume(&m.density), volume(&m.albedo));
-    format!("sigma_t {density} x {}, albedo {albedo}, {phase}", number(m.scale))
+    let emission = m.emission.as_ref().map_or(String::new(), |e| format!(", emission {}", volume(e)));
+    format!("sigma_t {density} x {}, albedo {albedo}, {phase}{emission}", number(m.scale))
 }
 
 fn light(l: &tyndall::scene::parts::LightPart<f64>) -> String {

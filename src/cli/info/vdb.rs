@@ -160,8 +160,8 @@ fn judge(g: &VdbGrid, shadowed: bool) -> std::result::Result<String, String> {
     let background = i.background[..g.channels].iter().any(|b| !(b.is_finite() && *b >= 0.0));
     let bad = values.filter(|v| !(v.is_finite() && **v >= 0.0)).count();
     if bad > 0 {
-        let what = format::plural(bad, "voxel");
-        return Err(format!("{what} NaN, infinite or negative: --repair-voxels sets such voxels to 0"));
+        let what = format::plural(bad, "value");
+        return Err(format!("{what} NaN, infinite or negative: --repair-voxels sets those to 0"));
     }
     if background {
         return Err("the background is negative or not finite".into());
