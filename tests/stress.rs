@@ -82,8 +82,8 @@ quick! {
 fn benign() {
     let rows = quick("benign", 0.1);
     assert_eq!(rows.len(), 8);
-    // The suite sees an error of one per cent at full effort: 4 standard errors are less than that.
-    assert!(rows.iter().all(|r| r.stderr > 0.0 && r.stderr < 0.02 * r.reference.abs()));
+    // Even here an error of a tenth is seen in every number.
+    assert!(rows.iter().all(|r| r.stderr > 0.0 && 4.0 * r.stderr < 0.1 * r.reference.abs()));
 }
 
 #[test]

@@ -74,6 +74,8 @@ pub struct Estimate {
     pub stderr: f64,
     /// Variance of one path over the squared mean.
     pub relvar: f64,
+    /// Standard error of that, from the batches' variances and the mean's own error.
+    pub relvar_error: f64,
     /// Median of the batch means.
     pub median: f64,
     /// Largest |path| over the sum of |path|.
@@ -131,9 +133,14 @@ pub fn measure(pool: &ThreadPool, s: &Subject, combinations: &[Vec<f64>], paths:
         let value = all[j].mean;
         // A sum of zeros has no spread and no largest path.
         let over = |a: f64, b: f64| if a == 0.0 { 0.0 } else { a / b };
+        let stderr = means.iter().copied().collect::<Moments>().standard_error();
+        let spreads: Moments = batches[j].iter().filter(|b| b.n > 1.0).map(Moments::variance).collect();
+        let relative = |x: f64| over(x, value * value);
         m.estimates.push(Estimate {
             value,
-            stderr: means.iter().copied().collect::<Moments>().standard_error(),
+            stderr,
+            relvar_error: relative(spreads.standard_error())
+                + 2.0 * relative(all[j].variance()) * over(stderr, value.abs()),
             relvar: over(all[j].variance(), value * value),
             median: median(means),
             largest: over(largest[j], total[j]),

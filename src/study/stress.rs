@@ -313,7 +313,8 @@ fn verdict(e: &Estimate, m: &Measured, c: &Check) -> (Verdict, String) {
     if (e.value - c.known.value).abs() > allowed {
         return (Verdict::Bias, format!("off by {:.2e}, allowed {allowed:.2e}", e.value - c.known.value));
     }
-    if let Some(bound) = c.relvar.filter(|&b| e.relvar > b) {
+    // The relative variance is an estimate as well.
+    if let Some(bound) = c.relvar.filter(|&b| e.relvar - 3.0 * e.relvar_error > b) {
         return (Verdict::Noise, format!("relative variance {:.3e} > {bound:.3e}", e.relvar));
     }
     let skew = (e.median - e.value).abs();
@@ -328,4 +329,35 @@ fn verdict(e: &Estimate, m: &Measured, c: &Check) -> (Verdict, String) {
         return (Verdict::Slow, format!("{ratio:.2} > {bound:.2}"));
     }
     (Verdict::Ok, String::new())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every rule fails when it should: the suite's own negative control.
+    #[test]
+    fn verdicts_follow_the_rules() {
+        let e = Estimate { value: 1.0, stderr: 0.01, relvar: 2.0, relvar_error: 0.1, median: 1.0, largest: 0.01 };
+        let m = |estimate: Estimate| Measured {
+            estimates: vec![estimate],
+            paths: 1000,
+            rejected: 0,
+            truncated: 0,
+            missed: 0,
+            light_on_ray: 0,
+        };
+        let c = |reference: f64| Check { relvar: Some(2.0), ..Check::new(Known::exact(reference), 1e-4) };
+        let judge = |e: Estimate, c: Check| verdict(&e, &m(e), &c).0;
+        assert_eq!(judge(e, c(1.039)), Verdict::Ok);
+        assert_eq!(judge(e, c(1.041)), Verdict::Bias);
+        assert_eq!(judge(Estimate { relvar: 2.4, ..e }, c(1.0)), Verdict::Noise);
+        assert_eq!(judge(Estimate { median: 0.9, ..e }, c(1.0)), Verdict::Noise);
+        assert_eq!(judge(Estimate { largest: 0.3, ..e }, c(1.0)), Verdict::Noise);
+        assert_eq!(judge(Estimate { value: f64::NAN, ..e }, c(1.0)), Verdict::Nan);
+        assert_eq!(judge(e, Check { time: Some((2.0, 1.5)), ..c(1.0) }), Verdict::Slow);
+        assert_eq!(verdict(&e, &Measured { rejected: 1, ..m(e) }, &c(1.0)).0, Verdict::Nan);
+        assert_eq!(verdict(&e, &Measured { truncated: 1, ..m(e) }, &c(1.0)).0, Verdict::Capped);
+        assert_eq!(verdict(&e, &Measured { missed: 1, ..m(e) }, &c(1.0)).0, Verdict::Bias);
+    }
 }
