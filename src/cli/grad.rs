@@ -10,6 +10,7 @@ use super::run::{self, RunReport, Setup};
 use clap::Args;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use tyndall::error::{Error, Result};
 use tyndall::image::{exr, output};
 use tyndall::math::Rgb;
@@ -22,6 +23,7 @@ use tyndall::scene::desc::suggest;
 ///
 /// Without --loss or --adjoint: one image a parameter (forward mode), layers d_NAME.R/G/B and var_NAME.R/G/B beside the picture.
 /// With one of them: one number a parameter (reverse mode) as JSON, on standard output or in -o FILE.json.
+/// Its standard error is that of the gradient pass, at most: the noise of the picture behind --loss is not in it.
 #[derive(Args)]
 pub struct GradArgs {
     #[command(flatten)]
@@ -34,7 +36,7 @@ pub struct GradArgs {
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     /// Gradient of this loss against --target. Of the samples, half make the picture that the loss is taken from (with a
-    /// seed of its own, so that the gradient is unbiased), half the gradient
+    /// seed of its own, so that the gradient is unbiased), half the gradient; --max-time is shared alike
     #[arg(long, value_enum, requires = "target", conflicts_with_all = ["adjoint", "preview", "split_terms"])]
     loss: Option<Loss>,
     /// Reference picture of --loss
@@ -89,7 +91,10 @@ impl GradArgs {
         if let Some(code) = setup.stop.exit_code() {
             return Ok(code);
         }
-        let job = setup.job(Mode::Reverse(&params, &adjoint), &self.render);
+        let mut job = setup.job(Mode::Reverse(&params, &adjoint), &self.render);
+        if loss.is_some() {
+            job.max_time = self.half_time();
+        }
         let done = run::run(&job, &self.render, log)?;
         let files = outputs.as_ref().map_or(Vec::new(), Outputs::all);
         let mut report = run::report(&setup, &done, &self.render, &files, wrt);
@@ -113,6 +118,11 @@ impl GradArgs {
         loss::fit(&image, &path.display().to_string(), setup.crop, setup.full_size())
     }
 
+    /// Picture and gradient share the time as they share the samples.
+    fn half_time(&self) -> Option<Duration> {
+        self.render.max_time.map(|t| t / 2)
+    }
+
     /// Render the picture with half of the samples and another seed; leaves the other half to the gradient.
     fn adjoint_of_loss(
         &self,
@@ -126,9 +136,8 @@ impl GradArgs {
         let spp = total.div_ceil(2);
         // The seed goes through the generator's own mixing: any other value gives an independent stream.
         let seed = setup.seed ^ 1 << 40;
-        let half = self.render.max_time.map(|t| t / 2);
         let mut job = setup.job(Mode::Picture, &self.render);
-        (job.spp, job.seed, job.max_time) = (spp, seed, half);
+        (job.spp, job.seed, job.max_time) = (spp, seed, self.half_time());
         log.detail(format!("rendering the picture of the loss: {spp} samples a pixel, seed {seed}"));
         let done = run::run(&job, &self.render, log)?;
         let (value, adjoint) = kind.evaluate(&done.outcome.film, &reference)?;

@@ -28,6 +28,7 @@ pub enum Loss {
 #[derive(Serialize)]
 pub struct LossReport {
     pub kind: Loss,
+    /// Null where a quadratic loss has one batch only: its bias is not known.
     pub value: f64,
     pub target: String,
     /// Samples a pixel of the picture that the loss was taken from, and its seed.
@@ -52,7 +53,7 @@ impl Loss {
                 value += d.abs().sum() * scale;
                 adjoint.push(d.map(|x| if x == 0.0 { 0.0 } else { x.signum() * scale }));
             } else {
-                let variance = film.variance_of_mean(0, p).map_or(0.0, |v| v.sum());
+                let variance = film.variance_of_mean(0, p).map_or(f64::NAN, |v| v.sum());
                 value += (d.dot(d) - variance) * scale;
                 adjoint.push(d * (2.0 * scale));
             }
