@@ -56,6 +56,9 @@ pub enum Error {
     Io { what: String, source: std::io::Error },
     #[error("{0}")]
     Runtime(String),
+    /// A signal came before there was anything to write.
+    #[error("stopped by a signal before the first batch was done: nothing is written")]
+    Interrupted,
 }
 
 pub type Result<T> = std::result::Result<T, Error>;
@@ -74,7 +77,7 @@ impl Error {
             Error::Scene { .. } | Error::Usage { .. } => ExitCode::Scene,
             Error::Mismatch { .. } => ExitCode::Mismatch,
             Error::Check { .. } => ExitCode::Check,
-            Error::Io { .. } | Error::Runtime(_) => ExitCode::Runtime,
+            Error::Io { .. } | Error::Runtime(_) | Error::Interrupted => ExitCode::Runtime,
         }
     }
 }

@@ -95,7 +95,7 @@ impl GradArgs {
         if loss.is_some() {
             job.max_time = self.half_time();
         }
-        let done = run::run(&job, &self.render, log)?;
+        let done = run::run(&job, &self.render, &setup.stop, log)?;
         let files = outputs.as_ref().map_or(Vec::new(), Outputs::all);
         let mut report = run::report(&setup, &done, &self.render, &files, wrt);
         report.loss = loss;
@@ -139,7 +139,7 @@ impl GradArgs {
         let mut job = setup.job(Mode::Picture, &self.render);
         (job.spp, job.seed, job.max_time) = (spp, seed, self.half_time());
         log.detail(format!("rendering the picture of the loss: {spp} samples a pixel, seed {seed}"));
-        let done = run::run(&job, &self.render, log)?;
+        let done = run::run(&job, &self.render, &setup.stop, log)?;
         let (value, adjoint) = kind.evaluate(&done.outcome.film, &reference)?;
         setup.spp = (total - spp).max(1);
         let target = target.display().to_string();

@@ -108,6 +108,10 @@ pub fn main() -> ExitCode {
     };
     match command.run(&log) {
         Ok(code) => ExitCode::from(code),
+        Err(e @ tyndall::error::Error::Interrupted) => {
+            log.error(&e);
+            ExitCode::from(signal::last_exit_code())
+        }
         Err(e) => {
             log.error(&e);
             ExitCode::from(e.exit_code() as u8)

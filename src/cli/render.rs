@@ -49,7 +49,7 @@ pub fn picture(
         return Ok(code);
     }
     let job = setup.job(mode, options);
-    let done = run::run(&job, options, log)?;
+    let done = run::run(&job, options, &setup.stop, log)?;
     let report = run::report(setup, &done, options, &outputs.all(), wrt);
     let (mut image, beyond) = files::image(&done.outcome, setup.crop, setup.full_size(), split_terms);
     image.attributes = run::attributes(&report);

@@ -133,12 +133,16 @@ pub struct Done {
 }
 
 /// Run a job with progress display.
-pub fn run(job: &Job, o: &RenderOptions, log: &Log) -> Result<Done> {
+pub fn run(job: &Job, o: &RenderOptions, stop: &Stop, log: &Log) -> Result<Done> {
     let goal = Goal { max_time: job.max_time, target_error: job.target_error };
     let before = cpu_seconds();
     let display = Display::new(log, o.progress, goal);
-    let outcome = job.run(&|p| display.update(p))?;
+    let outcome = job.run(&|p| display.update(p));
     drop(display);
+    if outcome.is_err() {
+        stop.exit_code();
+    }
+    let outcome = outcome?;
     let cpu_seconds = cpu_seconds().zip(before).map(|(b, a)| b - a);
     // A run that stopped because it reached its error has done what it was asked for.
     let complete = outcome.complete || outcome.target_reached == Some(true);

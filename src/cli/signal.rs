@@ -1,9 +1,17 @@
-//! SIGINT and SIGTERM stop a run after the current batch; a second one ends the program at once.
+//! SIGINT and SIGTERM stop a run between tiles, without the open batch; a second one ends the program at once.
 
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use tyndall::error::{Error, Result};
+
+/// The last signal that came, for the exit code of a run that has nothing to write.
+static LAST: AtomicUsize = AtomicUsize::new(0);
+
+/// 128 + the signal that stopped the run.
+pub fn last_exit_code() -> u8 {
+    128 + LAST.load(Ordering::SeqCst) as u8
+}
 
 pub struct Stop {
     flag: Arc<AtomicBool>,
@@ -33,7 +41,10 @@ impl Stop {
     pub fn exit_code(&self) -> Option<u8> {
         match self.signal.load(Ordering::SeqCst) {
             0 => None,
-            n => Some(128 + n as u8),
+            n => {
+                LAST.store(n, Ordering::SeqCst);
+                Some(128 + n as u8)
+            }
         }
     }
 }

@@ -4,7 +4,7 @@
 use super::film::{Film, FilmSpec, batch_ranges};
 use super::filter;
 use super::health::{Health, Mishap};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
 use crate::params::{Forward, ParamSet, Reverse};
@@ -46,11 +46,11 @@ pub struct Job<'a> {
     pub spp: u64,
     pub seed: u64,
     pub mode: Mode<'a>,
-    /// Stop after the batch in which this time is over.
+    /// Stop when this time is over, but not before one batch is done.
     pub max_time: Option<Duration>,
     /// Stop after the batch in which the relative error of the picture's mean pixel falls below this.
     pub target_error: Option<f64>,
-    /// Raised from outside (a signal): stop after the current batch.
+    /// Raised from outside (a signal): stop between tiles, without the open batch.
     pub stop: Option<&'a AtomicBool>,
 }
 
@@ -112,12 +112,14 @@ impl Job<'_> {
     fn quanta(&self, sweep: Option<&Sweep>) -> Vec<i32> {
         let k = self.layers().len();
         let mut sums = vec![0.0; k];
-        let n = PILOT.min((self.width() * self.height()) as u64 * 8);
+        // Over the whole film, so that a crop has the same quanta and the same bits.
+        let sensor = &self.scene.sensors[self.sensor];
+        let n = PILOT.min((sensor.width * sensor.height) as u64 * 8);
         let mut rec = PathRecord::new();
         let mut rng = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX, 0);
         for i in 0..n {
-            let x = self.crop[0] + (rng.uniform() * self.width() as f64) as usize;
-            let y = self.crop[1] + (rng.uniform() * self.height() as f64) as usize;
+            let x = (rng.uniform() * sensor.width as f64) as usize;
+            let y = (rng.uniform() * sensor.height as f64) as usize;
             let state = self.state(Purpose::Pilot, x, y, i);
             let mut tally = Tally::default();
             let value = match (sweep, &self.mode) {
@@ -163,9 +165,16 @@ impl Job<'_> {
         let light_on_ray = std::sync::Mutex::new(None);
         for (index, &(first, n)) in batches.iter().enumerate() {
             let done = std::sync::atomic::AtomicUsize::new(0);
+            let dropped = AtomicBool::new(false);
             let per_tile: Vec<Option<Vec<f64>>> = (0..tiles)
                 .into_par_iter()
                 .map(|tile| {
+                    // A signal, or the time limit once a batch is done, ends the run between tiles; the open batch is dropped.
+                    let late = index > 0 && self.max_time.is_some_and(|t| start.elapsed() >= t);
+                    if late || self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
+                        dropped.store(true, Ordering::Relaxed);
+                        return None;
+                    }
                     let range = tile * TILE..((tile + 1) * TILE).min(pixels);
                     let g = self.tile(range, first..first + n, sweep.as_ref(), &film, &light_on_ray);
                     let k = done.fetch_add(1, Ordering::Relaxed) + 1;
@@ -178,6 +187,10 @@ impl Job<'_> {
                     g
                 })
                 .collect();
+            if dropped.into_inner() {
+                film.discard_batch();
+                break;
+            }
             film.end_batch(index as u64, n)?;
             taken += n;
             // Tiles are summed in their order: the same bits for any number of threads.
@@ -195,6 +208,9 @@ impl Job<'_> {
             if late || self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
                 break;
             }
+        }
+        if taken == 0 {
+            return Err(Error::Interrupted);
         }
         let gradient = matches!(self.mode, Mode::Reverse(..)).then(|| combine(&gradients, slots));
         let light_on_ray = light_on_ray.into_inner().unwrap_or(None);

@@ -162,6 +162,12 @@ impl Film {
         false
     }
 
+    /// Forget the batch in progress: what was added since the last `end_batch`. Counters of health stay.
+    pub fn discard_batch(&mut self) {
+        self.current_low.iter_mut().for_each(|x| *x.get_mut() = 0);
+        self.current_high.iter_mut().for_each(|x| *x.get_mut() = 0);
+    }
+
     /// Close the batch in progress under its index in the run. All `add` calls of the batch must have returned.
     pub fn end_batch(&mut self, index: u64, samples_per_pixel: u64) -> Result<()> {
         if samples_per_pixel == 0 {

@@ -20,6 +20,9 @@ use std::sync::Arc;
 /// Paths longer than this many steps are cut and counted.
 const PATH_CAP: u64 = 50_000_000;
 
+/// Derivative vertices take over from collision scores below this many collisions per extent of a medium.
+const KAPPA_SHARE: f64 = 0.3;
+
 /// Options of loading that are not in the scene file.
 #[derive(Clone, Debug, Default)]
 pub struct LoadOptions {
@@ -300,7 +303,7 @@ fn set_kappa(media: &mut [Medium], shapes: &[Instance], bounds: &Bounds) {
         let extent = if own.is_empty() { 0.0 } else { size.min_element() };
         let extent = if extent > 0.0 { extent } else { 2.0 * bounds.radius() };
         // A scene without any extent: the medium's own length.
-        m.kappa = if extent > 0.0 && extent.is_finite() { 1.0 / extent } else { m.sigma_t.max().max(1.0) };
+        m.kappa = if extent > 0.0 && extent.is_finite() { KAPPA_SHARE / extent } else { m.sigma_t.max().max(1.0) };
     }
 }
 

@@ -165,7 +165,13 @@ impl Reader {
             let name = self.text(&source.need(e, "name")?, "the name of a property", true)?;
             let name = source.modern(name);
             unique(names, &name, &source.at(e))?;
-            let value = property::read(&mut self.params, source, e, &name)?;
+            // A flaw in a number names the property too.
+            let value = property::read(&mut self.params, source, e, &name).map_err(|e| match e {
+                Error::Scene { span, what, remedy } if what.ends_with("number") => {
+                    Error::Scene { span, what: format!("`{name}`: {what}"), remedy }
+                }
+                other => other,
+            })?;
             node.props.push(Prop { name, kind, span: source.at(e), value, read: AtomicBool::new(false) });
             return Ok(());
         }

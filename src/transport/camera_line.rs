@@ -199,6 +199,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Piece
         s.r = Rgb::from_fn(|c| s.r[c] * density[c] / d);
     }
     s.hero = hero;
+    s.start = total.map(|t| -(-t).exp_m1()).max() / p;
     s.flight = Flight { span: Some(piece.span), density: density.mean() * p, reach: None };
     if R::ON {
         for q in &pieces[..k] {
@@ -216,6 +217,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Piece
 /// The state behind the line with nothing scattered on it.
 fn unscattered(mut s: State, end: Option<Hit>, beta: Rgb) -> State {
     s.beta = beta;
+    s.start = beta.max();
     s.stage = match end {
         Some(h) => Stage::Surface(h),
         None => Stage::Escape,

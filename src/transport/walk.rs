@@ -46,6 +46,8 @@ pub struct State {
     pub beta: Rgb,
     pub r: Rgb,
     pub hero: usize,
+    /// Weight at the start of the chain, which roulette is relative to.
+    pub start: f64,
     /// Scatterings so far.
     pub depth: u32,
     /// Density per solid angle with which `w` was drawn at the last vertex; 0 on a camera line (nothing competes).
@@ -93,6 +95,7 @@ impl State {
             beta: Rgb::ONE,
             r: Rgb::ONE,
             hero: 0,
+            start: 1.0,
             depth: 0,
             pdf_direction: 0.0,
             vertex: o,
@@ -106,6 +109,9 @@ impl State {
         }
     }
 }
+
+/// Relative weight below which roulette begins: analog absorption from the first collision on would cost variance, none at all time.
+const ROULETTE: f64 = 0.2;
 
 /// What a walk met besides light.
 #[derive(Clone, Copy, Debug, Default)]
@@ -391,8 +397,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
         self.roulette(s);
     }
 
-    /// Survival `min(1, weight)`: a path of weight >= 1 is never killed, a survivor never weighs more than 1
-    /// (STABILITY rule 6).
+    /// Survival `min(1, weight / THRESHOLD)` of the weight relative to the chain's start: no path above the threshold is ever
+    /// killed, no survivor weighs more than it did (STABILITY rule 6).
     fn roulette(&mut self, s: &mut State) {
         if s.beta.is_zero() {
             s.stage = Stage::Done;
@@ -401,7 +407,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         if s.depth < self.set.rr_depth {
             return;
         }
-        let q = (s.beta / s.r.mean()).max();
+        let q = (s.beta / s.r.mean()).max() / (ROULETTE * s.start);
         if q < 1.0 {
             if s.rng.uniform() >= q {
                 s.stage = Stage::Done;
