@@ -163,7 +163,7 @@ mod tests {
         let t = closed_forms().iter().find(|c| c.id == "T_linear_density_04").unwrap();
         assert_eq!((t.param("b"), t.derivative("L").value), (-1000.0, 0.0));
         // Every table number that a slab case expects exists.
-        for c in cases().iter().filter(|c| !c.reference.starts_with("analytic") && !c.reference.is_empty()) {
+        for c in cases().iter().filter(|c| c.reference.starts_with("slab_")) {
             for q in c.expect.iter().filter(|q| !q.ends_with("d_n")) {
                 assert!(slab(&c.reference, q).is_some_and(|k| k.value.is_finite()), "{} {q}", c.name);
             }

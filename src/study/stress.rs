@@ -313,8 +313,9 @@ fn verdict(e: &Estimate, m: &Measured, c: &Check) -> (Verdict, String) {
     if (e.value - c.known.value).abs() > allowed {
         return (Verdict::Bias, format!("off by {:.2e}, allowed {allowed:.2e}", e.value - c.known.value));
     }
-    // The relative variance is an estimate as well.
-    if let Some(bound) = c.relvar.filter(|&b| e.relvar - 3.0 * e.relvar_error > b) {
+    // The relative variance is an estimate as well; but where none is allowed, any that is seen is too much.
+    let seen = |bound: f64| if bound < 1e-6 { e.relvar } else { e.relvar - 3.0 * e.relvar_error };
+    if let Some(bound) = c.relvar.filter(|&b| seen(b) > b) {
         return (Verdict::Noise, format!("relative variance {:.3e} > {bound:.3e}", e.relvar));
     }
     let skew = (e.median - e.value).abs();
