@@ -1,0 +1,51 @@
+//! Every technique of an MIS group by itself: leaving one out changes the variance, never the mean.
+
+mod common;
+use common::{estimate, run, scene};
+use tyndall::math::discrete::Discrete;
+use tyndall::render::driver::Mode;
+
+/// A light inside fog with a floor: connections, equi-angular and light-centred points all contribute.
+const FOG: &str = r#"<scene version="3.0.0"><default name="sigma_t" value="0.8"/><default name="albedo" value="0.9"/>
+  <integrator type="volpath"><integer name="max_depth" value="6"/></integrator>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="0, 1, -6" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="box"/></film></sensor>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="$sigma_t"/><float name="albedo" value="$albedo"/>
+    <phase type="hg"><float name="g" value="0.4"/></phase></medium>
+  <shape type="cube"><transform name="to_world"><scale value="2"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="1.5"/><translate y="-1"/></transform><bsdf type="diffuse"/></shape>
+  <emitter type="point"><point name="position" x="0.6" y="0.3" z="0"/><rgb name="intensity" value="2"/></emitter></scene>"#;
+
+#[test]
+fn leaving_a_technique_out_changes_the_variance_only() {
+    let spp = 1 << 14;
+    let (desc, all) = scene(FOG);
+    let p = common::params(&desc, &all, &["sigma_t", "albedo"]);
+    let full = run(&all, spp, 1, Mode::Forward(&p));
+    let without = |embedded: bool, local: bool| {
+        let (_, mut s) = scene(FOG);
+        assert!(s.embedded.total > 0.0 && s.local.total > 0.0);
+        if embedded {
+            s.embedded = Discrete::default();
+        }
+        if local {
+            s.local = Discrete::default();
+        }
+        run(&s, spp, 2, Mode::Forward(&p))
+    };
+    let reference: Vec<_> = (0..3).map(|l| estimate(&full, l)).collect();
+    for (name, o, worse) in [("light-centred", without(true, false), 1.5), ("both", without(true, true), 3.0)] {
+        for (l, r) in reference.iter().enumerate() {
+            let e = estimate(&o, l);
+            let z = (e.value[0] - r.value[0]) / e.error[0].hypot(r.error[0]);
+            println!(
+                "without {name}, layer {l}: {} +- {} vs {} +- {}: z {z:.2}",
+                e.value[0], e.error[0], r.value[0], r.error[0]
+            );
+            assert!(z.abs() <= 4.5, "without {name}, layer {l}: z {z}");
+        }
+        // What the technique is there for.
+        let ratio = (estimate(&o, 0).error[0] / reference[0].error[0]).powi(2);
+        assert!(ratio > worse, "without {name}: variance ratio {ratio}");
+    }
+}
