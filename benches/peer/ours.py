@@ -28,12 +28,12 @@ def rgb(channels, prefix=""):
 class Run:
     """One run: picture, variance of the mean per pixel, CPU seconds (user), the report, the wall time of rendering."""
 
-    def __init__(self, scene, spp, seed=1, wrt=None, threads=None, define=(), extra=()):
+    def __init__(self, scene, spp, seed=1, wrt=None, threads=None, define=(), extra=(), prefix=()):
         if mi.variant() is None:
             mi.set_variant("scalar_rgb")
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "x.exr"
-            command = [TYNDALL, "grad" if wrt else "render", str(scene), "-o", str(out), "--json", "--progress", "none",
+            command = [*prefix, TYNDALL, "grad" if wrt else "render", str(scene), "-o", str(out), "--json", "--progress", "none",
                        "--spp", str(spp), "--seed", str(seed), *extra]
             command += ["--wrt", ",".join(wrt)] if wrt else []
             command += ["-t", str(threads)] if threads else []
@@ -47,7 +47,8 @@ class Run:
             self.warnings = done.stderr
             self.report = json.loads(done.stdout)
             self.channels = read(out)
-        self.picture, self.variance = rgb(self.channels), rgb(self.channels, "var.")
+        self.picture = rgb(self.channels)
+        self.variance = rgb(self.channels, "var.") if "var.R" in self.channels else None
         self.seconds = self.report["render_time_seconds"]
         self.samples = self.picture.shape[0] * self.picture.shape[1] * spp
         self.memory = self.report["peak_memory_bytes"]
