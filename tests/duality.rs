@@ -114,3 +114,29 @@ fn derivatives_agree_with_finite_differences() {
         }
     }
 }
+
+/// Objects without ids, all on one line: their slots must not be mixed up.
+#[test]
+fn anonymous_objects_have_slots_of_their_own() {
+    let ball = |x: &str, rho: &str| {
+        format!(
+            r#"<shape type="sphere"><point name="center" value="{x}, 0, 0"/><bsdf type="diffuse"><rgb name="reflectance" value="{rho}"/></bsdf></shape>"#
+        )
+    };
+    let (desc, sc) = scene(&format!(
+        r#"<scene version="3.0.0"><default name="a" value="0.3"/><default name="b" value="0.6"/><integrator type="volpath"/><sensor type="perspective"/>{}{}</scene>"#,
+        ball("-2", "$a"),
+        ball("2", "$b")
+    ));
+    let slots: Vec<u32> = sc
+        .surfaces
+        .iter()
+        .filter_map(|s| match s {
+            tyndall::surface::Surface::Diffuse { slot, .. } => Some(*slot),
+            tyndall::surface::Surface::Null => None,
+        })
+        .collect();
+    assert_ne!(slots[0], slots[1]);
+    let p = params(&desc, &sc, &["a", "b"]);
+    assert_eq!((p.tangents(slots[0]), p.tangents(slots[1])), (&[1.0, 0.0][..], &[0.0, 1.0][..]));
+}

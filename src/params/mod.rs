@@ -5,4 +5,4 @@ pub mod sink;
 pub mod slot;
 
 pub use sink::{Forward, Null, Reverse, Sink};
-pub use slot::{Block, ParamSet, Quantity, Slot, SlotTable};
+pub use slot::{Block, Owner, ParamSet, Quantity, Slot, SlotTable};

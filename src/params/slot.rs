@@ -40,10 +40,20 @@ impl Quantity {
     }
 }
 
+/// Whose slots: an index into the scene's media, surfaces or lights. Names need not be unique, indices are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Owner {
+    Medium(usize),
+    Surface(usize),
+    Light(usize),
+}
+
 /// Consecutive slots of one quantity of one object.
 #[derive(Clone, Debug)]
 pub struct Block {
-    pub owner: String,
+    pub owner: Owner,
+    /// The object's name, for reports.
+    pub name: String,
     pub quantity: Quantity,
     pub first: Slot,
     pub len: u32,
@@ -57,9 +67,9 @@ pub struct SlotTable {
 }
 
 impl SlotTable {
-    pub fn push(&mut self, owner: &str, quantity: Quantity, values: &[f64]) -> Slot {
+    pub fn push(&mut self, owner: Owner, name: &str, quantity: Quantity, values: &[f64]) -> Slot {
         let first = self.values.len() as Slot;
-        self.blocks.push(Block { owner: owner.into(), quantity, first, len: values.len() as u32 });
+        self.blocks.push(Block { owner, name: name.into(), quantity, first, len: values.len() as u32 });
         self.values.extend_from_slice(values);
         first
     }

@@ -330,7 +330,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
 /// What moves: which tangents of the parts are not zero.
 pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
     let mut m =
-        Motion { values: d.slots().iter().any(|(_, _, v)| v.iter().any(|x| x.d[0] != 0.0)), ..Motion::default() };
+        Motion { values: d.slots().iter().any(|s| s.values.iter().any(|x| x.d[0] != 0.0)), ..Motion::default() };
     for (what, x) in d.movable() {
         if x.iter().all(|x| x.d[0] == 0.0) {
             continue;

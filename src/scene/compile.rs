@@ -10,7 +10,7 @@ use crate::light::{Light, LightKind};
 use crate::math::discrete::Discrete;
 use crate::math::{DMat3, DVec3, Rgb};
 use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
-use crate::params::{ParamSet, Quantity, SlotTable};
+use crate::params::{Owner, ParamSet, Quantity, SlotTable};
 use crate::phase::Phase;
 use crate::sensor::{Projection, Sensor};
 use crate::shape::{Bounds, Cube, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, obj, ply};
@@ -41,16 +41,16 @@ impl Scene {
             shapes.push(instance(s, &parts, &mut warnings)?);
         }
         let mut media = Vec::with_capacity(parts.media.len());
-        for m in &parts.media {
-            media.push(medium(m, &slots, options, &mut warnings)?);
+        for (i, m) in parts.media.iter().enumerate() {
+            media.push(medium(m, Owner::Medium(i), &slots, options, &mut warnings)?);
         }
         let mut surfaces = Vec::with_capacity(parts.surfaces.len());
-        for (s, name) in parts.surfaces.iter().zip(&parts.surface_names) {
-            surfaces.push(surface(s, slot_of(&slots, name, Quantity::Reflectance)));
+        for (i, s) in parts.surfaces.iter().enumerate() {
+            surfaces.push(surface(s, slot_of(&slots, Owner::Surface(i), Quantity::Reflectance)));
         }
         let mut lights = Vec::with_capacity(parts.lights.len());
-        for l in &parts.lights {
-            lights.push(light(l, &slots)?);
+        for (i, l) in parts.lights.iter().enumerate() {
+            lights.push(light(l, Owner::Light(i), &slots)?);
         }
         let sensors: Vec<Sensor> = parts.sensors.iter().map(sensor).collect();
         let films = parts.sensors.iter().map(|s| Film { part: s.film, spp: s.spp, seed: s.seed }).collect();
@@ -102,7 +102,7 @@ impl Scene {
         let mut columns = Vec::new();
         for name in names {
             let parts = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
-            columns.push(parts.slots().into_iter().flat_map(|(_, _, v)| v).map(|x| x.d[0]).collect());
+            columns.push(parts.slots().into_iter().flat_map(|s| s.values).map(|x| x.d[0]).collect());
         }
         Ok(ParamSet::new(names.to_vec(), &columns, self.slots.values.len()))
     }
@@ -110,13 +110,13 @@ impl Scene {
 
 fn slot_table(parts: &Parts<f64>) -> SlotTable {
     let mut t = SlotTable::default();
-    for (owner, quantity, values) in parts.slots() {
-        t.push(&owner, quantity, &values);
+    for s in parts.slots() {
+        t.push(s.owner, &s.name, s.quantity, &s.values);
     }
     t
 }
 
-fn slot_of(t: &SlotTable, owner: &str, q: Quantity) -> u32 {
+fn slot_of(t: &SlotTable, owner: Owner, q: Quantity) -> u32 {
     t.blocks.iter().find(|b| b.owner == owner && b.quantity == q && b.len > 0).map_or(NO_SLOT, |b| b.first)
 }
 
@@ -181,6 +181,7 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, warnings: &mut Vec<Warning>)
 
 fn medium(
     m: &MediumPart<f64>,
+    owner: Owner,
     slots: &SlotTable,
     options: &LoadOptions,
     warnings: &mut Vec<Warning>,
@@ -216,11 +217,11 @@ fn medium(
         scale: m.scale,
         phase: m.g.map_or(Phase::Isotropic, |g| Phase::Hg { g }),
         slots: MediumSlots {
-            sigma_t: slot_of(slots, &m.name, Quantity::SigmaT),
-            albedo: slot_of(slots, &m.name, Quantity::Albedo),
-            scale: slot_of(slots, &m.name, Quantity::MediumScale),
-            g: slot_of(slots, &m.name, Quantity::G),
-            emission: slot_of(slots, &m.name, Quantity::Glow),
+            sigma_t: slot_of(slots, owner, Quantity::SigmaT),
+            albedo: slot_of(slots, owner, Quantity::Albedo),
+            scale: slot_of(slots, owner, Quantity::MediumScale),
+            g: slot_of(slots, owner, Quantity::G),
+            emission: slot_of(slots, owner, Quantity::Glow),
         },
         kappa: 1.0,
     })
@@ -249,7 +250,7 @@ fn surface(s: &SurfacePart<f64>, slot: u32) -> Surface {
     }
 }
 
-fn light(l: &super::parts::LightPart<f64>, slots: &SlotTable) -> Result<Light> {
+fn light(l: &super::parts::LightPart<f64>, owner: Owner, slots: &SlotTable) -> Result<Light> {
     let mut quantity = Quantity::Emission;
     let kind = match &l.kind {
         LightKindPart::Point { position } => LightKind::Point { position: position.value() },
@@ -274,7 +275,7 @@ fn light(l: &super::parts::LightPart<f64>, slots: &SlotTable) -> Result<Light> {
             LightKind::Envmap(Box::new(Envmap::new(image.width, image.height, image.pixels, turn)))
         }
     };
-    Ok(Light { name: l.name.clone(), kind, value: Rgb(l.value), slot: slot_of(slots, &l.name, quantity) })
+    Ok(Light { name: l.name.clone(), kind, value: Rgb(l.value), slot: slot_of(slots, owner, quantity) })
 }
 
 fn sensor(s: &super::parts::SensorPart<f64>) -> Sensor {

@@ -7,7 +7,7 @@ use super::desc::{Env, Node, SceneDesc};
 use super::transform::Mat4;
 use crate::error::{Error, Result, Span};
 use crate::math::{DVec3, Real, V3};
-use crate::params::Quantity;
+use crate::params::{Owner, Quantity};
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -131,6 +131,14 @@ pub struct Parts<R> {
     pub integrator: IntegratorPart,
 }
 
+/// Consecutive slots of one object.
+pub struct SlotPart<R> {
+    pub owner: Owner,
+    pub name: String,
+    pub quantity: Quantity,
+    pub values: Vec<R>,
+}
+
 /// What of a scene can move; the tangents tell whether it does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Movable {
@@ -163,30 +171,36 @@ impl<R: Real> Parts<R> {
     }
 
     /// Every differentiable scalar in its one fixed order: media, surfaces, lights.
-    pub fn slots(&self) -> Vec<(String, Quantity, Vec<R>)> {
+    pub fn slots(&self) -> Vec<SlotPart<R>> {
         let mut v = Vec::new();
-        for m in &self.media {
+        let mut add = |owner, name: &str, quantity, values: Vec<R>| {
+            v.push(SlotPart { owner, name: name.into(), quantity, values });
+        };
+        for (i, m) in self.media.iter().enumerate() {
+            let owner = Owner::Medium(i);
             if let VolumePart::Constant(c) = &m.density {
-                v.push((m.name.clone(), Quantity::SigmaT, c.to_vec()));
+                add(owner, &m.name, Quantity::SigmaT, c.to_vec());
             }
             if let VolumePart::Constant(c) = &m.albedo {
-                v.push((m.name.clone(), Quantity::Albedo, c.to_vec()));
+                add(owner, &m.name, Quantity::Albedo, c.to_vec());
             }
-            v.push((m.name.clone(), Quantity::MediumScale, vec![m.scale]));
-            v.push((m.name.clone(), Quantity::G, m.g.into_iter().collect()));
+            add(owner, &m.name, Quantity::MediumScale, vec![m.scale]);
+            add(owner, &m.name, Quantity::G, m.g.into_iter().collect());
             if let Some(VolumePart::Constant(c)) = &m.emission {
-                v.push((m.name.clone(), Quantity::Glow, c.to_vec()));
+                add(owner, &m.name, Quantity::Glow, c.to_vec());
             }
         }
-        for (s, name) in self.surfaces.iter().zip(&self.surface_names) {
+        for (i, (s, name)) in self.surfaces.iter().zip(&self.surface_names).enumerate() {
             if let SurfacePart::Diffuse { reflectance, .. } = s {
-                v.push((name.clone(), Quantity::Reflectance, reflectance.to_vec()));
+                add(Owner::Surface(i), name, Quantity::Reflectance, reflectance.to_vec());
             }
         }
-        for l in &self.lights {
+        for (i, l) in self.lights.iter().enumerate() {
             match l.kind {
-                LightKindPart::Envmap { .. } => v.push((l.name.clone(), Quantity::EnvironmentScale, vec![l.value[0]])),
-                _ => v.push((l.name.clone(), Quantity::Emission, l.value.to_vec())),
+                LightKindPart::Envmap { .. } => {
+                    add(Owner::Light(i), &l.name, Quantity::EnvironmentScale, vec![l.value[0]]);
+                }
+                _ => add(Owner::Light(i), &l.name, Quantity::Emission, l.value.to_vec()),
             }
         }
         v

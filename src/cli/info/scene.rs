@@ -123,7 +123,7 @@ fn param(p: &Param, desc: &SceneDesc, parts: &Parts<f64>) -> ParamInfo {
     let mut acts_on = Vec::new();
     let index = desc.wrt(&p.name);
     if let Ok(dual) = index.as_ref().map_or_else(|_| Err(()), |&i| Parts::read(desc, &desc.dual(i)).map_err(|_| ())) {
-        for (owner, quantity, values) in dual.slots() {
+        for tyndall::scene::parts::SlotPart { name: owner, quantity, values, .. } in dual.slots() {
             if values.iter().any(|x| x.d[0] != 0.0) {
                 acts_on.push(format!("{owner}.{}", quantity.name()));
             }
