@@ -6,7 +6,9 @@
 use tyndall::study::{StressOptions, StressRow, Suite, Summary, Verdict, run};
 
 /// Rows that are known not to be ok, by what the engine still lacks. They may become ok.
-const OPEN: [(&str, &str, Verdict); 1] = [
+const OPEN: [(&str, &str, Verdict); 2] = [
+    // The film's quantum rests on a pilot of 512 paths: what it misses may be too large.
+    ("film-accumulation", "1 beside 1e-30", Verdict::Nan),
     // Samples that are not finite are counted, but not at their pixel.
     ("nan-policy", "", Verdict::Bias),
 ];
