@@ -6,12 +6,9 @@
 use tyndall::study::{StressOptions, StressRow, Suite, Summary, Verdict, run};
 
 /// Rows that are known not to be ok, by what the engine still lacks. They may become ok.
-const OPEN: [(&str, &str, Verdict); 4] = [
-    // The derivative vertex costs more variance than it saves at sigma_s ~ kappa.
-    ("benign", "R_1:d_tau", Verdict::Noise),
-    // A number that is not finite is refused by place, without the name of its property.
-    ("invalid-input", "", Verdict::Bias),
-    ("g-endpoints", "", Verdict::Bias),
+const OPEN: [(&str, &str, Verdict); 2] = [
+    // The film's quantum rests on a pilot of 512 paths: what it misses may be too large.
+    ("film-accumulation", "1 beside 1e-30", Verdict::Nan),
     // Samples that are not finite are counted, but not at their pixel.
     ("nan-policy", "", Verdict::Bias),
 ];

@@ -1,6 +1,8 @@
 //! Pieces by themselves: samplers at the ends of their range, sums of many samples.
 
-use super::stress::Bench;
+use super::measure::{Subject, film};
+use super::reference::Known;
+use super::stress::{Bench, Check};
 use crate::error::Result;
 use crate::math::rng::exponential_from;
 use crate::math::{DAffine3, DVec3, Rgb, warp};
@@ -111,5 +113,22 @@ pub fn film_accumulation(b: &mut Bench) -> Result<()> {
     let (spiked, rejected) = run(&|i| if i == 12345 { 1e6 } else { 1e-3 }, 1e-3)?;
     let truth = 1e-3 + (1e6 - 1e-3) / samples as f64;
     b.exact("1e-3 and one 1e6", spiked, truth, 1e-6 * truth, &format!("{samples} samples, {rejected} rejected"));
+    bright_beside_dim(b)
+}
+
+/// A lamp of radiance 1 on a part of the film that a pilot easily misses, before a sky of 1e-30: no sample may be too large.
+fn bright_beside_dim(b: &mut Bench) -> Result<()> {
+    let half = 0.02;
+    let text = format!(
+        r#"<scene version="3.0.0"><integrator type="path"/>
+        <shape type="rectangle"><transform name="to_world"><scale value="{half}"/><rotate y="1" angle="180"/><translate z="1"/></transform>
+          <emitter type="area"><rgb name="radiance" value="1"/></emitter></shape>
+        <emitter type="constant"><rgb name="radiance" value="1e-30"/></emitter>
+        <sensor type="orthographic">{}</sensor></scene>"#,
+        film()
+    );
+    let m = b.measure(&Subject::new(&text, &[])?, &[vec![1.0]], 1 << 19)?;
+    // The film is 2 by 1.
+    b.judge("1 beside 1e-30", &m, 0, Check::new(Known::exact(2.0 * half * half), 1e-4));
     Ok(())
 }
