@@ -62,6 +62,11 @@ impl Envmap {
         }
     }
 
+    /// The largest texel.
+    pub fn brightest(&self) -> f64 {
+        self.texels.iter().flatten().fold(0.0f64, |m, &x| m.max(f64::from(x)))
+    }
+
     pub fn mean_luminance(&self) -> f64 {
         self.mean
     }

@@ -108,10 +108,11 @@ impl Job<'_> {
         (y * self.scene.sensors[self.sensor].width + x) as u64 | (self.sensor as u64) << 48
     }
 
-    /// Typical magnitudes of the layers from a keyed pilot: independent of threads, shards and modes.
-    fn quanta(&self, sweep: Option<&Sweep>) -> Vec<i32> {
+    /// Quanta of the layers from the brightest of a keyed pilot (`wide`: of the scene's emission): independent of threads,
+    /// crops and modes. One value may be 2.7e8 times that; the resolution is 1.4e-17 of it.
+    fn quanta(&self, sweep: Option<&Sweep>, wide: bool) -> Vec<i32> {
         let k = self.layers().len();
-        let mut sums = vec![0.0; k];
+        let mut sums = vec![0.0f64; k];
         // Over the whole film, so that a crop has the same quanta and the same bits.
         let sensor = &self.scene.sensors[self.sensor];
         let n = PILOT.min((sensor.width * sensor.height) as u64 * 8);
@@ -128,19 +129,29 @@ impl Job<'_> {
                     let d = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX - 1, i);
                     let v = sweep.sample(state, d, &mut rec, &mut sink, &mut tally);
                     for (s, d) in sums[1..].iter_mut().zip(&sink.image) {
-                        *s += finite(d.abs().max());
+                        *s = f64::max(*s, finite(d.abs().max()));
                     }
                     v
                 }
                 _ => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
             };
-            sums[0] += finite(value.abs().max());
+            sums[0] = sums[0].max(finite(value.abs().max()));
         }
-        sums.iter().map(|s| FilmSpec::quantum_for(s / n as f64)).collect()
+        // What the pilot did not meet is taken to be of the size of the brightest emission.
+        let brightest = self.scene.brightest();
+        sums.iter()
+            .map(|&s| FilmSpec::quantum_for(if s > 0.0 && !wide { s } else { brightest.max(s) } / 1024.0))
+            .collect()
     }
 
     /// Render. `progress` is called from worker threads, at most a few times a second worth of tiles.
     pub fn run(&self, progress: &(dyn Fn(Progress) + Sync)) -> Result<Outcome> {
+        let outcome = self.run_with(progress, false)?;
+        // The pilot missed something brighter than the film could hold: once more, with a film made for it.
+        if outcome.film.health.get(Mishap::Overflow) > 0 { self.run_with(progress, true) } else { Ok(outcome) }
+    }
+
+    fn run_with(&self, progress: &(dyn Fn(Progress) + Sync), wide: bool) -> Result<Outcome> {
         let start = Instant::now();
         let sweep = self.mode.params().filter(|p| !p.is_empty()).map(|params| Sweep {
             scene: self.scene,
@@ -152,7 +163,7 @@ impl Job<'_> {
             width: self.width(),
             height: self.height(),
             layers: self.layers(),
-            quantum: self.quanta(sweep.as_ref()),
+            quantum: self.quanta(sweep.as_ref(), wide),
         };
         let mut film = Film::new(spec);
         let pixels = self.width() * self.height();
@@ -275,7 +286,7 @@ impl Job<'_> {
                 }
                 // A sample that is not a number is left out whole and counted, never set to 0 in silence.
                 if !value.is_finite() || images.iter().any(|d| !d.is_finite()) {
-                    film.health.count(Mishap::RejectedNonfinite);
+                    film.reject_sample(pixel);
                     continue;
                 }
                 sum += value;

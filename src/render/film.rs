@@ -135,7 +135,11 @@ impl Film {
         }
         let cell = (layer * self.spec.pixels() + pixel) * 3;
         for c in 0..3 {
-            self.add_integer(cell + c, to_integer(scaled[c]), pixel);
+            let integer = to_integer(scaled[c]);
+            if integer == 0 && scaled[c] != 0.0 {
+                self.health.count(Mishap::BelowQuantum);
+            }
+            self.add_integer(cell + c, integer, pixel);
         }
         true
     }
@@ -154,6 +158,11 @@ impl Film {
                 self.reject(pixel, Mishap::SumOverflow);
             }
         }
+    }
+
+    /// Count a sample that the caller leaves out because it is not a number.
+    pub fn reject_sample(&self, pixel: usize) {
+        self.reject(pixel, Mishap::RejectedNonfinite);
     }
 
     fn reject(&self, pixel: usize, kind: Mishap) -> bool {

@@ -48,6 +48,8 @@ kinds! {
     UnsettledRoots = "unsettled_roots", biases: true;
     /// A derivative asked of a medium without extinction and without end: part of it is missing.
     UnboundedVacuum = "unbounded_vacuum", biases: true;
+    /// A value that is not 0 but below the film's resolution, some 1e-17 of the brightest: it became 0.
+    BelowQuantum = "below_quantum", biases: false;
     /// A zero-measure light on a camera ray: the picture diverges there.
     LightOnRay = "light_on_ray", biases: false;
 }

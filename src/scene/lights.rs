@@ -45,6 +45,19 @@ impl Scene {
         self.local = local;
     }
 
+    /// The largest radiance that anything emits; what lights without a surface give at the scene's size.
+    pub fn brightest(&self) -> f64 {
+        let radius = self.bounds.radius().max(f64::MIN_POSITIVE);
+        let light = |l: &crate::light::Light| match &l.kind {
+            LightKind::Area { .. } | LightKind::Constant => l.value.max(),
+            LightKind::Envmap(e) => l.value.max() * e.brightest(),
+            LightKind::Directional { .. } => l.value.max(),
+            LightKind::Point { .. } | LightKind::Spot { .. } => l.value.max() / (radius * radius),
+        };
+        let b = self.lights.iter().map(light).fold(0.0, f64::max);
+        if b.is_finite() { b } else { 0.0 }
+    }
+
     /// A light for a connection, and its probability.
     pub fn select_light(&self, u: f64) -> Option<(u32, f64)> {
         select(&self.selection, u)
