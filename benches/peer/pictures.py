@@ -7,6 +7,7 @@ Both programs estimate the variance of each pixel (ours from batches, theirs fro
 blocks of BLOCK x BLOCK pixels. Where the programs agree, z has mean 0 and rms 1 (1.03 with so many degrees of freedom).
 Maps go to out/peer/z_NAME.png: blue = we are darker, red = brighter, full colour at 4.
 """
+import argparse
 import sys
 
 import mitsuba as mi
@@ -41,11 +42,16 @@ def colours(z):
 
 
 def main():
+    a = argparse.ArgumentParser()
+    a.add_argument("scenes", nargs="*", default=list(SCENES))
+    a.add_argument("--times", type=int, default=1, help="samples, as a multiple")
+    o = a.parse_args()
     assets.main()
-    names, failed = sys.argv[1:] or list(SCENES), []
-    print(f"{'scene':9} {'our mean':>9} {'their mean':>10} {'difference':>10} {'n':>5} {'mean z':>7} {'limit':>6} {'rms z':>6} {'max |z|':>7} {'|z|>3':>6}")
+    names, failed = o.scenes, []
+    print(f"{'scene':9} {'our mean':>9} {'their mean':>10} {'difference':>10} {'its z':>6} {'n':>5} {'mean z':>7} {'limit':>6} {'rms z':>6} {'max |z|':>7} {'|z|>3':>6}")
     for name in names:
         a_spp, b_spp, n = SCENES[name]
+        a_spp, b_spp = a_spp * o.times, b_spp * o.times
         mine = peer = ours.ROOT / f"benches/peer/scenes/{name}.xml"
         if name == "fire":
             mine, peer = assets.fire_scenes(RES)
@@ -60,9 +66,11 @@ def main():
         # Channels of one block go together: only blocks count as independent.
         k, mean, rms = noisy.sum() / 3, z[noisy].mean(), np.sqrt((z[noisy] ** 2).mean())
         limit = 4 / np.sqrt(k)
+        # Of the whole picture's mean; as if the channels were one.
+        total = difference.mean() / np.sqrt(variance.mean(axis=-1).sum()) * variance[..., 0].size
         ok = abs(mean) < limit and 0.9 < rms < 1.1 and exact < 1e-4 * images.mean()
         failed += [] if ok else [name]
-        print(f"{name:9} {run.picture.mean():9.5f} {images.mean():10.5f} {difference.mean() / images.mean():10.2e} {int(k):5} {mean:7.3f} {limit:6.3f} "
+        print(f"{name:9} {run.picture.mean():9.5f} {images.mean():10.5f} {difference.mean() / images.mean():10.2e} {total:6.2f} {int(k):5} {mean:7.3f} {limit:6.3f} "
               f"{rms:6.3f} {np.abs(z).max():7.2f} {(np.abs(z[noisy]) > 3).mean():6.4f}{'' if ok else '  DIFFERENT'}", flush=True)
         mi.util.write_bitmap(str(assets.OUT / f"z_{name}.png"), mi.Bitmap(colours(z).astype(np.float32)), write_async=False)
     sys.exit(f"different: {', '.join(failed)}" if failed else 0)
