@@ -28,9 +28,9 @@ impl Emission {
 pub enum LightKind {
     /// Radiant intensity (power per solid angle), uniform.
     Point { position: DVec3 },
-    /// Intensity along `axis`, falling to 0 between `cos_beam` and `cos_cutoff` [T](28).
+    /// Intensity along `axis`, falling to 0 between `cos_beam` and `cos_cutoff` [T] (28).
     Spot { position: DVec3, axis: DVec3, beam: f64, cutoff: f64 },
-    /// Irradiance on a plane across `direction` (the direction of travel) [T](29).
+    /// Irradiance on a plane across `direction` (the direction of travel) [T] (29).
     Directional { direction: DVec3 },
     /// Radiance leaving the front of a shape.
     Area { shape: u32 },
@@ -79,7 +79,7 @@ pub fn spot_falloff<R: Real>(cos: R, beam: f64, cutoff: f64) -> R {
     }
 }
 
-/// `1/r^2` of a point light [T](28), generic for derivatives.
+/// `1/r^2` of a point light [T] (28), generic for derivatives.
 pub fn inverse_square<R: Real>(u: V3<R>) -> R {
     u.length_squared().recip()
 }

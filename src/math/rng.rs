@@ -10,9 +10,9 @@
 pub enum Purpose {
     /// The primal path.
     Path = 1,
-    /// Choice and continuation of the derivative vertex [T](65).
+    /// Choice and continuation of the derivative vertex [T] (65).
     Derivative = 2,
-    /// Independent Poisson points for line integrals [T](52b).
+    /// Independent Poisson points for line integrals [T] (52b).
     Poisson = 3,
     /// Pilot runs: budgets, film quantum.
     Pilot = 4,

@@ -43,7 +43,7 @@ pub struct Medium {
     pub density: Volume,
     pub scale: f64,
     pub albedo: Volume,
-    /// Emitted radiance L_e, multiplied by sigma_a [S](4).
+    /// Emitted radiance L_e, multiplied by sigma_a [S] (4).
     pub emission: Option<Volume>,
     pub phase: Phase,
     pub slots: MediumSlots,
@@ -103,7 +103,7 @@ impl Medium {
         }
     }
 
-    /// Emission per unit length at a world point without its extinction: `(sigma_a, L_e)` [T](2).
+    /// Emission per unit length at a world point without its extinction: `(sigma_a, L_e)` [T] (2).
     pub fn glow(&self, p: DVec3) -> Option<(Rgb, Rgb)> {
         let e = self.emission.as_ref()?;
         let (sigma_t, sigma_s) = self.coefficients(p);
@@ -127,7 +127,7 @@ impl Medium {
         }
     }
 
-    /// `d (integral of sigma_t over a span) / d slot`, per channel [T](11) with fixed points.
+    /// `d (integral of sigma_t over a span) / d slot`, per channel [T] (11) with fixed points.
     pub fn depth_partials(
         &self,
         params: &ParamSet,

@@ -163,7 +163,7 @@ pub fn write(path: &Path, grids: &[WriteGrid]) -> Result<()> {
     write_packed(path, grids, Compression::Default)
 }
 
-/// As [`write`], with a choice of the packing.
+/// As [`write()`], with a choice of the packing.
 pub fn write_packed(path: &Path, grids: &[WriteGrid], compression: Compression) -> Result<()> {
     let mut temporary = path.as_os_str().to_owned();
     temporary.push(format!(".{}.part", std::process::id()));

@@ -1,9 +1,9 @@
-//! Henyey–Greenstein, without cancellation for any g and without a branch at g = 0 ([T](56), section 9).
+//! Henyey–Greenstein, without cancellation for any g and without a branch at g = 0 ([T] (56), section 9).
 
 use crate::math::Real;
 use std::f64::consts::PI;
 
-/// `(1-g^2) / (4 pi s^3)`, `s^2 = (1-g)^2 + 2 g (1-mu)` [T](56). Per unit solid angle.
+/// `(1-g^2) / (4 pi s^3)`, `s^2 = (1-g)^2 + 2 g (1-mu)` [T] (56). Per unit solid angle.
 pub fn eval<R: Real>(g: R, one_minus_mu: R) -> R {
     let a = -g + 1.0;
     let s2 = a * a + g * one_minus_mu * 2.0;
@@ -66,7 +66,7 @@ mod tests {
         for (g, mu) in [(0.4, 0.3), (-0.7, 0.9), (0.0, -0.5), (0.99, 0.999)] {
             let (f, [dg, dm]) = gradient([g, 1.0 - mu], |[g, m]| eval(g, m));
             let s2 = 1.0 + g * g - 2.0 * g * mu;
-            // [T](56)
+            // [T] (56)
             assert!((dg / f - (-2.0 * g / (1.0 - g * g) + 3.0 * (mu - g) / s2)).abs() < 1e-9 * (1.0 + (dg / f).abs()));
             assert!((-dm / f - 3.0 * g / s2).abs() < 1e-9 * (1.0 + (dm / f).abs()));
         }

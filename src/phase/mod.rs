@@ -32,7 +32,7 @@ impl Phase {
         }
     }
 
-    /// `(f, df/dg)` at fixed directions [T](56); 0 where there is no g.
+    /// `(f, df/dg)` at fixed directions [T] (56); 0 where there is no g.
     pub fn eval_with_dg(&self, one_minus_mu: f64) -> (f64, f64) {
         match *self {
             Phase::Isotropic => (0.25 / PI, 0.0),

@@ -1,5 +1,5 @@
 //! Reconstruction filters by sampling: a film point is drawn from the pixel's filter, so every sample has weight 1 in one pixel.
-//! Unbiased for `I = integral of W L` with `integral of W = 1` [T](22); nothing is normalised by a random sum.
+//! Unbiased for `I = integral of W L` with `integral of W = 1` [T] (22); nothing is normalised by a random sum.
 
 use crate::math::rng::Rng;
 use crate::math::warp;

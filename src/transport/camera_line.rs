@@ -1,6 +1,6 @@
 //! The camera line: everything between the camera and the first opaque surface, of which the depth is known exactly.
 //!
-//! `L = T L_end + integral of T sigma_s L_ins` [T](1) is split into its two parts: the unscattered part keeps the exact
+//! `L = T L_end + integral of T sigma_s L_ins` [T] (1) is split into its two parts: the unscattered part keeps the exact
 //! transmittance, the scattered part is a collision forced inside the line (density `sigma_t T / (1 - T_end)`, truncated
 //! exponential, [T] section 9). Thin media then lose no sample, and a white furnace is exact. Where the line ends on a
 //! reflecting surface one of the two parts is followed, chosen with a probability near its transmittance.

@@ -2,7 +2,7 @@
 //!
 //! Techniques that can make the same light path: (direction) a phase- or BSDF-sampled direction that meets the light,
 //! against a direction drawn from the light; (distance) a collision of the free flight, against an equi-angular point on
-//! the same span. Balance-heuristic weights of geometric densities [T](61); homogeneous transmittance counts as the
+//! the same span. Balance-heuristic weights of geometric densities [T] (61); homogeneous transmittance counts as the
 //! survival probability of a sampled direction.
 
 use super::light_centred;

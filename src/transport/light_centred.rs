@@ -3,7 +3,7 @@
 //! `∫ f_x T(x,y) σ_s(y) f_y T(y,p) I / (r² d²) dy` ([T] 5.4, 5.5; r = ‖y-p‖, d = ‖y-x‖) has two poles. Directions from x with equi-angular or
 //! free-flight distances cancel the one at x; the rays of directions pass the light at distance h with density ~ h dh and score 1/h, so
 //! their second moment still grows like a logarithm. Drawing y by a uniform direction and a half-Cauchy distance from the light,
-//! `p(y) = 2R / (π (R² + r²)) / (4π r²)` with R = ‖x-p‖, cancels the pole at the light; the balance heuristic of the three bounds all [T](61), (63).
+//! `p(y) = 2R / (π (R² + r²)) / (4π r²)` with R = ‖x-p‖, cancels the pole at the light; the balance heuristic of the three bounds all [T] (61), (63).
 
 use super::connect::{self, Angles};
 use super::record::{MediumSpan, Recorder};

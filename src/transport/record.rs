@@ -23,7 +23,7 @@ pub struct MediumSpan {
     pub t1: f64,
 }
 
-/// Prefix weights at the start of a walked span, for candidates of the derivative vertex [T](65).
+/// Prefix weights at the start of a walked span, for candidates of the derivative vertex [T] (65).
 #[derive(Clone, Copy, Debug)]
 pub struct Prefix {
     pub beta: Rgb,

@@ -4,10 +4,10 @@
 //! sampling densities, which are constants: [T] section 4). Each recorded factor `f` of the throughput contributes
 //! `(df/dslot) / f x after`, in three kinds:
 //!
-//! * transmittance of a span: `-d(depth)/dslot x after` [T](52b); the depth is integrated exactly;
+//! * transmittance of a span: `-d(depth)/dslot x after` [T] (52b); the depth is integrated exactly;
 //! * phase function, reflectance, emission: their own scores, emission without dividing by itself;
 //! * the source `sigma_s L_ins` [T] 8.2 (b). A collision has density `sigma_t T` and scores `d sigma_s / sigma_s`, which is unbounded in
-//!   thin media; a point of density `T` (the derivative vertex [T](65)) needs no division but a continuation of its own. Both
+//!   thin media; a point of density `T` (the derivative vertex [T] (65)) needs no division but a continuation of its own. Both
 //!   are used, weighted `sigma_s / (sigma_s + kappa)` and `kappa / (sigma_s + kappa)` at every point, so neither divides by
 //!   `sigma_s`: the collision scores `d sigma_s / (sigma_s + kappa)`. Reflectance is treated alike with `KAPPA_RHO`.
 //!
@@ -35,7 +35,7 @@ enum Vertex {
     Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32> },
 }
 
-/// A reservoir over the candidates of one path [T](65).
+/// A reservoir over the candidates of one path [T] (65).
 #[derive(Clone, Debug)]
 pub struct Candidates {
     pub rng: Rng,
@@ -127,7 +127,7 @@ impl Candidates {
         }
     }
 
-    /// A uniform point on the walked part of a span: `E[length g(U)] = integral of T g` [T](53).
+    /// A uniform point on the walked part of a span: `E[length g(U)] = integral of T g` [T] (53).
     fn span(&mut self, span: &MediumSpan, prefix: &Prefix) {
         let length = span.t1 - span.t0;
         if !self.facts.media[span.medium as usize].source || length <= 0.0 {
@@ -268,7 +268,7 @@ impl Sweep<'_> {
         after
     }
 
-    /// `T' = -Sigma_t T` [T](11), (52b).
+    /// `T' = -Sigma_t T` [T] (11), (52b).
     fn transmittance(&self, span: &MediumSpan, after: Rgb, sink: &mut impl Sink) {
         if !self.facts.media[span.medium as usize].extinction || after.is_zero() {
             return;
@@ -277,7 +277,7 @@ impl Sweep<'_> {
         m.depth_partials(self.params, span.o, span.w, span.t0, span.t1, |slot, d| sink.add(slot, -(d * after)));
     }
 
-    /// `(df_p/dg) / f_p` [T](56).
+    /// `(df_p/dg) / f_p` [T] (56).
     fn phase(&self, medium: u32, one_minus_mu: f64, after: Rgb, sink: &mut impl Sink) {
         if !self.facts.media[medium as usize].g || after.is_zero() {
             return;
@@ -326,7 +326,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// The vertex's share of the source derivative: one forced continuation [T](65).
+    /// The vertex's share of the source derivative: one forced continuation [T] (65).
     fn derivative_vertex(&self, c: Candidates, sink: &mut impl Sink, tally: &mut Tally) {
         tally.unbounded_vacuum += c.unbounded;
         let Candidates { mut rng, total, chosen, by_vertex, by_score, .. } = c;

@@ -19,7 +19,7 @@ pub fn distance(m: &Medium, s: &mut State) -> f64 {
 }
 
 /// Draw the hero channel for this flight from `r`, the channel densities of the path so far: the same mixture as one hero a
-/// path [T](55). `beta` and `r` share an arbitrary normalisation, only `beta / mean(r)` is ever scored.
+/// path [T] (55). `beta` and `r` share an arbitrary normalisation, only `beta / mean(r)` is ever scored.
 fn choose_hero(m: &Medium, s: &mut State) {
     if m.gray {
         return;
@@ -196,7 +196,7 @@ pub fn force<'a>(
 }
 
 /// A point of the span with density proportional (homogeneous) or related (grids) to transmittance, and its weight per channel:
-/// `E[weight g(t)] = integral of T g` [T](53). `None` where the span is an unbounded vacuum.
+/// `E[weight g(t)] = integral of T g` [T] (53). `None` where the span is an unbounded vacuum.
 pub fn transmittance_point(m: &Medium, span: &MediumSpan, depth: Rgb, rng: &mut Rng) -> Option<(f64, Rgb)> {
     let (c, u) = (((rng.uniform() * 3.0) as usize).min(2), rng.uniform());
     let length = span.t1 - span.t0;

@@ -1,9 +1,9 @@
 //! The walk: one path from a camera or a derivative vertex, and everything it collects. Knows no derivatives; it writes a
 //! record when asked to, and its samples are the same either way.
 //!
-//! Estimates `L(x, w)` of [T](1)-(5): free flight by exponential steps (homogeneous) or delta tracking over brick majorants
+//! Estimates `L(x, w)` of [T] (1)-(5): free flight by exponential steps (homogeneous) or delta tracking over brick majorants
 //! (grids) [T] 8.1; next-event estimation at every vertex; an extra equi-angular connection a medium span for
-//! lights with a position. Chromatic media by [T](55): `beta = f/p` and `r_c = p_c/p` for the three channels, with `p` the
+//! lights with a position. Chromatic media by [T] (55): `beta = f/p` and `r_c = p_c/p` for the three channels, with `p` the
 //! density of the channel actually drawn; what is scored is `beta / mean(r)`.
 //! Techniques for one light path (direction or light sampling, free flight or equi-angular) are weighted by functions of
 //! the geometry alone, so the weights sum to one whatever the tracking inside them did.
