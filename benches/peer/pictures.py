@@ -27,9 +27,9 @@ def blocks(a, n):
     return a.reshape(h // n, n, w // n, n, c).mean(axis=(1, 3))
 
 
-def theirs(path, spp):
+def theirs(path, spp, seed):
     scene = mi.load_file(str(path))
-    return np.stack([np.array(mi.render(scene, spp=spp, seed=s))[..., :3].astype(np.float64) for s in range(1, SEEDS + 1)])
+    return np.stack([np.array(mi.render(scene, spp=spp, seed=seed + s))[..., :3].astype(np.float64) for s in range(SEEDS)])
 
 
 def colours(z):
@@ -45,6 +45,7 @@ def main():
     a = argparse.ArgumentParser()
     a.add_argument("scenes", nargs="*", default=list(SCENES))
     a.add_argument("--times", type=int, default=1, help="samples, as a multiple")
+    a.add_argument("--seed", type=int, default=1, help="of ours; theirs start at a thousand times that")
     o = a.parse_args()
     assets.main()
     names, failed = o.scenes, []
@@ -55,8 +56,8 @@ def main():
         mine = peer = ours.ROOT / f"benches/peer/scenes/{name}.xml"
         if name == "fire":
             mine, peer = assets.fire_scenes(RES)
-        run = ours.Run(mine, a_spp)
-        images = np.stack([blocks(i, n) for i in theirs(peer, b_spp)])
+        run = ours.Run(mine, a_spp, o.seed)
+        images = np.stack([blocks(i, n) for i in theirs(peer, b_spp, 1000 * o.seed)])
         variance = images.var(axis=0, ddof=1) / SEEDS + blocks(run.variance, n) / n**2
         difference = blocks(run.picture, n) - images.mean(axis=0)
         # Pixels that see the background alone have no variance in either program.

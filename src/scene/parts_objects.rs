@@ -48,8 +48,9 @@ impl<R: Real> Reader<'_, R> {
         let surface = match bsdf {
             Some(b) => self.surface(b)?,
             None => {
-                // Mitsuba's default: a diffuse reflectance of one half.
-                self.parts.surfaces.push(SurfacePart::Diffuse { reflectance: [R::from(0.5); 3], two_sided: false });
+                // Mitsuba's default: a diffuse reflectance of one half, of a lamp none.
+                let rho = if n.child("emitter")?.is_some() { 0.0 } else { 0.5 };
+                self.parts.surfaces.push(SurfacePart::Diffuse { reflectance: [R::from(rho); 3], two_sided: false });
                 self.parts.surface_names.push(format!("{}.default_bsdf", label(n)));
                 self.parts.surfaces.len() - 1
             }
