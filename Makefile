@@ -38,6 +38,7 @@ stress: build
 	cargo test --release --test analytic -- --ignored --nocapture
 
 bench: build
+	cargo bench --bench grid
 	benches/run.sh
 
 install: setup
