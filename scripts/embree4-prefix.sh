@@ -15,12 +15,14 @@ target=$(cd "$target" && pwd)
 prefix=$target/prefix
 state=$target/apt
 suite=trixie
-mirror=${DEBIAN_MIRROR:-http://deb.debian.org/debian}
+# The mirror that this system's own apt uses.
+mirror=${DEBIAN_MIRROR:-$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 2>/dev/null | grep -v security | head -n 1)}
 packages='libembree4-4 libembree-dev libtbb12 libtbbmalloc2 libtbbbind-2-5 libhwloc15 libudev1 libcap2 libc6 libstdc++6 libgcc-s1'
 
 say() { printf '%s\n' "embree4-prefix: $*" >&2; }
 die() { say "$*"; exit 1; }
 
+[ -n "$mirror" ] || { echo "embree4-prefix: apt knows no mirror; set DEBIAN_MIRROR" >&2; exit 1; }
 [ "$(dpkg --print-architecture 2>/dev/null)" = amd64 ] || die "this recipe is for Debian on amd64"
 
 if [ ! -e "$prefix/.complete" ]; then
