@@ -22,7 +22,7 @@ packages='libembree4-4 libembree-dev libtbb12 libtbbmalloc2 libtbbbind-2-5 libhw
 say() { printf '%s\n' "embree4-prefix: $*" >&2; }
 die() { say "$*"; exit 1; }
 
-[ -n "$mirror" ] || { echo "embree4-prefix: apt knows no mirror; set DEBIAN_MIRROR" >&2; exit 1; }
+[ -n "$mirror" ] || die "apt knows no mirror; set DEBIAN_MIRROR"
 [ "$(dpkg --print-architecture 2>/dev/null)" = amd64 ] || die "this recipe is for Debian on amd64"
 
 if [ ! -e "$prefix/.complete" ]; then
