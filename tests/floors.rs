@@ -1,4 +1,4 @@
-//! The floors of ARCHITECTURE.md: a module imports only lower ones, files stay short, `unsafe` stays in `native`.
+//! The floors of ARCHITECTURE.md: a module imports only lower ones, `unsafe` stays in `native`.
 
 use std::path::{Path, PathBuf};
 

@@ -86,23 +86,6 @@ impl Medium {
         (t, t * self.albedo.at(p))
     }
 
-    /// `d sigma_a / d slot` at a world point for every active slot, per channel.
-    pub fn sigma_a_partials(&self, params: &ParamSet, p: DVec3, mut f: impl FnMut(Slot, Rgb)) {
-        let s = &self.slots;
-        let (density, rest) = (self.density.at(p), Rgb::ONE - self.albedo.at(p));
-        if s.scale != NO_SLOT && params.is_active(s.scale) {
-            f(s.scale, density * rest);
-        }
-        for c in 0..3 {
-            if s.sigma_t != NO_SLOT && params.is_active(s.sigma_t + c as Slot) {
-                f(s.sigma_t + c as Slot, Rgb::channel(c, self.scale * rest[c]));
-            }
-            if s.albedo != NO_SLOT && params.is_active(s.albedo + c as Slot) {
-                f(s.albedo + c as Slot, Rgb::channel(c, -self.scale * density[c]));
-            }
-        }
-    }
-
     /// Emission per unit length at a world point without its extinction: `(sigma_a, L_e)` [T] (2).
     pub fn glow(&self, p: DVec3) -> Option<(Rgb, Rgb)> {
         let e = self.emission.as_ref()?;
@@ -110,19 +93,29 @@ impl Medium {
         Some((sigma_t - sigma_s, e.at(p)))
     }
 
-    /// `d sigma_s / d slot` at a world point for every active slot, per channel.
-    pub fn sigma_s_partials(&self, params: &ParamSet, p: DVec3, mut f: impl FnMut(Slot, Rgb)) {
+    /// `d sigma_s / d slot` at a world point for every active slot, per channel; `sigma_s = albedo sigma_t`.
+    pub fn sigma_s_partials(&self, params: &ParamSet, p: DVec3, f: impl FnMut(Slot, Rgb)) {
+        self.share_partials(params, p, self.albedo.at(p), 1.0, f);
+    }
+
+    /// `d sigma_a / d slot` likewise; `sigma_a = (1 - albedo) sigma_t`.
+    pub fn sigma_a_partials(&self, params: &ParamSet, p: DVec3, f: impl FnMut(Slot, Rgb)) {
+        self.share_partials(params, p, Rgb::ONE - self.albedo.at(p), -1.0, f);
+    }
+
+    /// Partials of `share x sigma_t`, where the share changes with the albedo at the rate `slope`.
+    fn share_partials(&self, params: &ParamSet, p: DVec3, share: Rgb, slope: f64, mut f: impl FnMut(Slot, Rgb)) {
         let s = &self.slots;
-        let (density, albedo) = (self.density.at(p), self.albedo.at(p));
+        let density = self.density.at(p);
         if s.scale != NO_SLOT && params.is_active(s.scale) {
-            f(s.scale, density * albedo);
+            f(s.scale, density * share);
         }
         for c in 0..3 {
             if s.sigma_t != NO_SLOT && params.is_active(s.sigma_t + c as Slot) {
-                f(s.sigma_t + c as Slot, Rgb::channel(c, self.scale * albedo[c]));
+                f(s.sigma_t + c as Slot, Rgb::channel(c, self.scale * share[c]));
             }
             if s.albedo != NO_SLOT && params.is_active(s.albedo + c as Slot) {
-                f(s.albedo + c as Slot, Rgb::channel(c, self.scale * density[c]));
+                f(s.albedo + c as Slot, Rgb::channel(c, slope * self.scale * density[c]));
             }
         }
     }

@@ -27,7 +27,9 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     let from_camera = s.clone();
     let mut pieces: Vec<Piece> = Vec::new();
     let mut total = Rgb::ZERO;
+    let mut crossings = 0;
     let end = loop {
+        crossings += 1;
         let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
         if let Some(id) = s.medium {
             let m = &scene.media[id as usize];
@@ -44,7 +46,12 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
         let Some(h) = hit else { break None };
         let shape = &scene.shapes[h.shape as usize];
         let passes = scene.surfaces[shape.surface as usize].is_null() && shape.light.is_none();
-        if !passes || pieces.len() >= scene.max_interfaces {
+        if crossings > scene.max_interfaces {
+            // Counted; the walk goes on from here and is bounded by its own cap.
+            w.tally.missed_boundary += 1;
+            break Some(h);
+        }
+        if !passes {
             break Some(h);
         }
         s.medium = shape.medium_behind(s.w, h.n, s.medium);

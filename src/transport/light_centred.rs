@@ -71,8 +71,13 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
     // March to the span that holds y.
     let first = w.rec.side_len();
     let (mut o, mut on, mut medium, mut before) = (s.o, s.on, s.medium, 0.0);
-    let mut transmittance = Rgb::ONE;
+    let (mut transmittance, mut crossings) = (Rgb::ONE, 0);
     let span = loop {
+        crossings += 1;
+        if crossings > scene.max_interfaces {
+            w.tally.missed_boundary += 1;
+            return;
+        }
         let hit = scene.intersect(o, direction, f64::INFINITY, &on, medium);
         let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
         let holds = before + t1 >= d;
