@@ -4,7 +4,7 @@
 pub mod envmap;
 
 use crate::math::{DVec3, Real, Rgb, V3};
-use crate::params::Slot;
+use crate::params::{ParamSet, Slot};
 use envmap::Envmap;
 use std::f64::consts::PI;
 
@@ -47,6 +47,24 @@ pub struct Light {
     /// Radiance, intensity or irradiance; for an environment map its scale in every channel.
     pub value: Rgb,
     pub slot: Slot,
+    pub place: Place,
+}
+
+/// Slots of where a light of zero measure stands and looks; `NO_SLOT` where it has no such thing.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    pub position: Slot,
+    pub direction: Slot,
+    /// Beam width, then cutoff.
+    pub angles: Slot,
+}
+
+impl Place {
+    /// Whether any parameter moves the light.
+    pub fn moves(&self, params: &ParamSet) -> bool {
+        let active = |first: Slot, n| first != Slot::MAX && params.block_active(first, n);
+        active(self.position, 3) || active(self.direction, 3) || active(self.angles, 2)
+    }
 }
 
 /// Light that may arrive at a point from direction `w`.
@@ -66,11 +84,12 @@ pub struct Arrival {
 }
 
 /// Smooth spot falloff: 1 inside the beam angle, 0 outside the cutoff, linear in the angle between, as Mitsuba has it.
-pub fn spot_falloff<R: Real>(cos: R, beam: f64, cutoff: f64) -> R {
+/// With beam = cutoff the edge is hard.
+pub fn spot_falloff<R: Real>(cos: R, beam: R, cutoff: R) -> R {
     let c = cos.value();
-    if c >= beam.cos() {
+    if c >= beam.value().cos() {
         R::one()
-    } else if c <= cutoff.cos() {
+    } else if c <= cutoff.value().cos() {
         R::zero()
     } else {
         // acos through atan2 keeps its digits near the axis.

@@ -5,12 +5,12 @@
 //! the same span. Balance-heuristic weights of geometric densities [T] (61); homogeneous transmittance counts as the
 //! survival probability of a sampled direction.
 
+use super::aim::{Aim, Turn};
 use super::light_centred;
 use super::record::{Event, MediumSpan, Recorder};
 use super::transmit;
 use super::walk::{Flight, State, Walker};
 use crate::light::Arrival;
-use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
 use crate::scene::{On, Scene};
@@ -98,7 +98,16 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
         share = flight_share(w, light, center, &s.flight, t);
     }
     let weight = s.beta / s.r.mean() * (f * a.factor / probability * share);
-    finish(w, s, &a, &On::default(), weight, probability, f, Some((id, m)));
+    let aim = follows(w, light, s.o, s.flight.reach).then(|| {
+        Aim::new(light, s.o, Some(id), On::default(), &a, Turn::Phase(id, s.w), s.aside)
+    });
+    finish(w, s, &a, &On::default(), weight, probability, f, Some((id, m)), aim);
+}
+
+/// Whether the motion of `light` is to be scored by an ordinary connection from the medium point `y`: not beside the light, where
+/// [`light_centred::beside`] takes over.
+pub(super) fn follows<R: Recorder>(w: &Walker<R>, light: u32, y: DVec3, reach: Option<(DVec3, f64)>) -> bool {
+    R::ON && w.rec.follows(light) && !reach.is_some_and(|(x, _)| light_centred::is_beside(w.scene, light, x, y))
 }
 
 /// Next-event estimation from a surface at `s.o`, reflectance already in `s.beta`.
@@ -112,7 +121,9 @@ pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Sur
     }
     let weight = s.beta / s.r.mean() * (f * a.factor / probability);
     let on = s.on;
-    finish(w, s, &a, &on, weight, probability, f, None);
+    let aim = (R::ON && w.rec.follows(light))
+        .then(|| Aim::new(light, s.o, s.medium, on, &a, Turn::Cosine(n), s.aside));
+    finish(w, s, &a, &on, weight, probability, f, None, aim);
 }
 
 /// The extra connection of a medium span: a point drawn by the angle it subtends at a light with a position,
@@ -120,7 +131,7 @@ pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Sur
 /// the competing density per length; `first` the first recorded span of the connection.
 pub fn equiangular<R: Recorder>(
     w: &mut Walker<R>,
-    rng: &mut Rng,
+    s: &mut State,
     span: MediumSpan,
     prefix: Rgb,
     depth: u32,
@@ -129,6 +140,7 @@ pub fn equiangular<R: Recorder>(
     reach: Option<(DVec3, f64)>,
 ) {
     let scene = w.scene;
+    let rng = &mut s.rng;
     let Some((light, q)) = scene.select_local_light(rng.uniform()) else { return };
     let (u, v, x) = (rng.uniform(), rng.uniform(), rng.uniform());
     let Some(center) = scene.lights[light as usize].center() else { return };
@@ -161,7 +173,9 @@ pub fn equiangular<R: Recorder>(
     let f = medium.phase.eval(m);
     let weight = prefix * transmittance * (f * a.factor / (equi + flight + centred));
     let Some((t, _)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
-    score(w, &a, weight * t, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)));
+    let aim = follows(w, light, p, reach)
+        .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));
+    score(w, &a, weight * t, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)), aim);
 }
 
 /// Weight against direction sampling, trace the shadow ray, score.
@@ -174,6 +188,7 @@ fn finish<R: Recorder>(
     probability: f64,
     p_direction: f64,
     phase: Option<(u32, f64)>,
+    aim: Option<Aim>,
 ) {
     let first = w.rec.side_len();
     let Some((t, tau)) = transmit::shadow(w, &mut s.rng, s.medium, s.o, on, a) else { return };
@@ -183,7 +198,7 @@ fn finish<R: Recorder>(
         let light = probability * a.pdf;
         weight *= light / (light + p_direction * survival(tau));
     }
-    score(w, a, weight, first, [phase, None], None);
+    score(w, a, weight, first, [phase, None], None, aim);
 }
 
 pub(super) fn score<R: Recorder>(
@@ -193,11 +208,16 @@ pub(super) fn score<R: Recorder>(
     first_span: u32,
     phase: [Option<(u32, f64)>; 2],
     scatter: Option<(u32, DVec3, Rgb)>,
+    aim: Option<Aim>,
 ) {
     let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);
-    w.value += weight * sigma_s * a.emission.color();
+    let value = weight * sigma_s * a.emission.color();
+    w.value += value;
     if R::ON {
         let spans = w.rec.side_len() - first_span;
         w.rec.push(Event::Connect { weight, emission: a.emission, first_span, spans, phase, scatter });
+        if let Some(aim) = aim {
+            w.rec.push(Event::Aim { aim, value });
+        }
     }
 }

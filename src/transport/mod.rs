@@ -1,5 +1,6 @@
 //! Transport: walks, what they record, and the sweep that turns a record into partial derivatives.
 
+pub mod aim;
 pub mod camera_line;
 pub mod connect;
 pub mod light_centred;

@@ -65,6 +65,8 @@ pub struct State {
     /// Spans that a pending chain crossed, for its record.
     pub line: Option<Arc<[MediumSpan]>>,
     pub rng: Rng,
+    /// A stream beside the path's own, for what only derivatives ask for.
+    pub aside: Rng,
     pub steps: u64,
 }
 
@@ -105,6 +107,7 @@ impl State {
             pending: None,
             line: None,
             rng,
+            aside: rng,
             steps: 0,
         }
     }
@@ -160,7 +163,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 }
                 Stage::Done => match s.pending.take() {
                     Some(next) => {
-                        s = State { rng: s.rng, steps: s.steps, ..*next };
+                        s = State { rng: s.rng, aside: s.aside, steps: s.steps, ..*next };
                         self.rec.push(Event::Chain);
                         for &span in s.line.take().iter().flat_map(|l| l.iter()) {
                             self.rec.push(Event::Span { span, prefix: None });
@@ -190,7 +193,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 let prefix = s.beta / s.r.mean();
                 let (first, depth, reach) = (self.rec.side_len(), s.depth, s.reach());
                 let density = |_: &Scene, t: f64| tracking::flight_density(medium, &span, t);
-                connect::equiangular(self, &mut s.rng, span, prefix, depth, first, density, reach);
+                connect::equiangular(self, s, span, prefix, depth, first, density, reach);
             }
             let (beta, r) = (s.beta, s.r);
             match tracking::fly(medium, &span, s) {
@@ -319,7 +322,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             self.rec.push(Event::Scatter { medium: id, p: s.o });
         }
         connect::from_medium(self, s, id);
-        light_centred::connect(self, s, light_centred::Vertex::Medium(id));
+        light_centred::connect(self, s, &light_centred::Vertex::Medium(id));
+        light_centred::beside(self, s, &light_centred::Vertex::Medium(id));
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let (w, m) = medium.phase.sample(s.w, u, v);
         if R::ON {
@@ -384,7 +388,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         connect::from_surface(self, s, surface, hit.ns, wi);
-        light_centred::connect(self, s, light_centred::Vertex::Surface(surface, hit.ns, wi));
+        let vertex = light_centred::Vertex::Surface(surface, hit.ns, wi);
+        light_centred::connect(self, s, &vertex);
+        light_centred::beside(self, s, &vertex);
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let w = surface.sample(hit.ns, wi, u, v);
         s.pdf_direction = surface.eval_unit(hit.ns, wi, w);
