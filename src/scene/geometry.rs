@@ -142,8 +142,16 @@ impl Group {
         Ok(group)
     }
 
-    /// Nearest acceptable hit with `t` in `(-tolerance, t_max)`.
-    fn nearest(&self, scene: &Scene, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Medium) -> Option<Hit> {
+    /// Nearest acceptable hit with `t` in `(-tolerance, t_max)`: `t`, shape, face.
+    fn nearest(
+        &self,
+        scene: &Scene,
+        o: DVec3,
+        w: DVec3,
+        t_max: f64,
+        on: &On,
+        medium: Medium,
+    ) -> Option<(f64, u32, u32)> {
         let tolerance = scene.tolerance(o);
         let mut best: Option<(f64, u32, u32)> = None;
         for &id in &self.simple {
@@ -151,20 +159,20 @@ impl Group {
             let limit = best.map_or(t_max, |b| b.0);
             let mut start = on.face(id).map(|face| Start { face });
             for _ in 0..2 {
-                let Some(h) = shape.shape.intersect(o, w, -tolerance, limit, start) else { break };
+                let Some((t, face)) = shape.shape.cross(o, w, -tolerance, limit, start) else { break };
                 let consistent = match medium {
                     Medium::Any => true,
-                    Medium::Inside(m) if h.t <= tolerance => {
-                        let n = shape.shape.normal(h.face, o + w * h.t);
+                    Medium::Inside(m) if t <= tolerance => {
+                        let n = shape.shape.normal(face, o + w * t);
                         !shape.boundary || if w.dot(n) < 0.0 { shape.exterior == m } else { shape.interior == m }
                     }
                     Medium::Inside(_) => true,
                 };
                 if consistent {
-                    best = Some((h.t, id, h.face));
+                    best = Some((t, id, face));
                     break;
                 }
-                start = Some(Start { face: h.face });
+                start = Some(Start { face });
             }
         }
         if let Some(bvh) = &self.bvh {
@@ -179,7 +187,7 @@ impl Group {
                 best = Some((h.t - tolerance, shape, face));
             }
         }
-        best.map(|(t, shape, face)| scene.hit(t, o + w * t, shape, face))
+        best
     }
 
     fn exclude(&self, on: &On) -> Option<(u32, u32)> {
@@ -228,14 +236,16 @@ impl Scene {
     /// Nearest surface of any kind. `medium` is the medium the ray travels in.
     pub fn intersect(&self, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Option<u32>) -> Option<Hit> {
         let null = self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium));
-        let limit = null.as_ref().map_or(t_max, |h| h.t);
+        let limit = null.map_or(t_max, |(t, ..)| t.max(0.0));
         // At equal distance the surface is met inside the medium; either order keeps the bookkeeping consistent.
-        self.opaque.nearest(self, o, w, limit, on, Medium::Any).or(null)
+        let (t, shape, face) = self.opaque.nearest(self, o, w, limit, on, Medium::Any).or(null)?;
+        Some(self.hit(t, o + w * t, shape, face))
     }
 
     /// Nearest null interface.
     pub fn boundary(&self, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Option<u32>) -> Option<Hit> {
-        self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium))
+        let (t, shape, face) = self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium))?;
+        Some(self.hit(t, o + w * t, shape, face))
     }
 
     /// Whether anything opaque stands between `p` and the light.
@@ -249,7 +259,7 @@ impl Scene {
         let simple = self.opaque.simple.iter().any(|&id| {
             let start = on.face(id).map(|face| Start { face });
             let shape = &self.shapes[id as usize].shape;
-            shape.intersect(p, a.w, -tolerance, t_max, start).is_some()
+            shape.cross(p, a.w, -tolerance, t_max, start).is_some()
         });
         simple
             || self.opaque.bvh.as_ref().is_some_and(|bvh| {

@@ -34,8 +34,7 @@ pub(super) struct Angles {
     /// Abscissa of the closest approach, distance there.
     t_closest: f64,
     h: f64,
-    /// Angle at the span's start, angle subtended by the span.
-    start: f64,
+    /// Angle subtended by the span.
     range: f64,
 }
 
@@ -45,15 +44,14 @@ impl Angles {
         let t_closest = d.dot(span.w);
         let h = (d - span.w * t_closest).length();
         let a = span.t0 - t_closest;
-        let start = a.atan2(h);
         let range = if span.t1 == f64::INFINITY {
-            std::f64::consts::FRAC_PI_2 - start
+            std::f64::consts::FRAC_PI_2 - a.atan2(h)
         } else {
             // Difference of the two angles without cancelling.
             let b = span.t1 - t_closest;
             ((span.t1 - span.t0) * h).atan2(h * h + a * b)
         };
-        Angles { t_closest, h, start, range }
+        Angles { t_closest, h, range }
     }
 
     /// Density per length at abscissa `t` [T] 5.5.
@@ -63,7 +61,8 @@ impl Angles {
     }
 
     fn sample(&self, u: f64, span: &MediumSpan) -> f64 {
-        (self.t_closest + self.h * (self.start + u * self.range).tan()).clamp(span.t0, span.t1)
+        let start = (span.t0 - self.t_closest).atan2(self.h);
+        (self.t_closest + self.h * (start + u * self.range).tan()).clamp(span.t0, span.t1)
     }
 
     pub(super) fn usable(&self) -> bool {
