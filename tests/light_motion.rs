@@ -57,7 +57,13 @@ fn against_differences(text: &str, wrt: &[(&str, f64)], spp: u64, slack: f64) {
         for c in 0..3 {
             let m: tyndall::math::stats::Moments = runs.iter().map(|r| r[c]).collect();
             let (fd, se) = (m.mean, m.standard_error().hypot(d.error[c]));
-            println!("{name} {c}: {:.6} +- {:.6} fd {fd:.6} +- {:.6} z {:.2}", d.value[c], d.error[c], m.standard_error(), (d.value[c] - fd) / se);
+            println!(
+                "{name} {c}: {:.6} +- {:.6} fd {fd:.6} +- {:.6} z {:.2}",
+                d.value[c],
+                d.error[c],
+                m.standard_error(),
+                (d.value[c] - fd) / se
+            );
             assert!(
                 (d.value[c] - fd).abs() <= 5.0 * se + slack * fd.abs(),
                 "{name} channel {c}: {} vs {fd} +- {se}",
@@ -94,7 +100,12 @@ fn a_point_light_moves_in_fog() {
 fn a_spot_moves_and_turns_in_fog() {
     let light = r#"<emitter type="spot"><transform name="to_world"><rotate x="1" angle="$turn"/><translate x="$x" y="$y" z="$z"/></transform>
       <float name="cutoff_angle" value="$cut"/><float name="beam_width" value="25"/><rgb name="intensity" value="6"/></emitter>"#;
-    against_differences(&fog(light, HG), &[("x", 0.01), ("y", 0.01), ("z", 0.01), ("turn", 1.0), ("cut", 1.0)], 1 << 16, 0.01);
+    against_differences(
+        &fog(light, HG),
+        &[("x", 0.01), ("y", 0.01), ("z", 0.01), ("turn", 1.0), ("cut", 1.0)],
+        1 << 16,
+        0.01,
+    );
 }
 
 #[test]

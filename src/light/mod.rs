@@ -138,36 +138,21 @@ impl Light {
         }
     }
 
+    /// Arrival from a position, `d` from the point to it, at full intensity.
+    pub fn along(&self, d: DVec3) -> Arrival {
+        let r2 = d.length_squared();
+        let (distance, emission) = (r2.sqrt(), self.emission(Rgb::ONE));
+        Arrival { w: d / distance, distance, factor: 1.0 / r2, emission, pdf: 0.0, target: None }
+    }
+
     /// Light arriving at `p`; `None` where nothing can arrive or where sampling by direction is no worse (constant).
     pub fn sample(&self, p: DVec3, u: f64, v: f64) -> Option<Arrival> {
         match &self.kind {
-            LightKind::Point { position } => {
-                let d = *position - p;
-                let r2 = d.length_squared();
-                let r = r2.sqrt();
-                Some(Arrival {
-                    w: d / r,
-                    distance: r,
-                    factor: 1.0 / r2,
-                    emission: self.emission(Rgb::ONE),
-                    pdf: 0.0,
-                    target: None,
-                })
-            }
+            LightKind::Point { position } => Some(self.along(*position - p)),
             LightKind::Spot { position, axis, beam, cutoff } => {
-                let d = *position - p;
-                let r2 = d.length_squared();
-                let r = r2.sqrt();
-                let w = d / r;
-                let s = spot_falloff(-w.dot(*axis), *beam, *cutoff);
-                (s > 0.0).then(|| Arrival {
-                    w,
-                    distance: r,
-                    factor: 1.0 / r2,
-                    emission: self.emission(Rgb::splat(s)),
-                    pdf: 0.0,
-                    target: None,
-                })
+                let a = self.along(*position - p);
+                let s = spot_falloff(-a.w.dot(*axis), *beam, *cutoff);
+                (s > 0.0).then(|| Arrival { emission: self.emission(Rgb::splat(s)), ..a })
             }
             LightKind::Directional { direction } => Some(Arrival {
                 w: -*direction,

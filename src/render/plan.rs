@@ -5,6 +5,7 @@
 use crate::error::{Error, Result};
 use crate::math::Dual;
 use crate::scene::SceneDesc;
+use crate::scene::desc::suggest;
 use crate::scene::parts::{LightKindPart, Movable, Parts, SurfacePart, VolumePart};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -231,6 +232,42 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     need
 }
 
+/// A selection of terms by the names of rooms, `interior` among them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Terms(Option<Vec<String>>);
+
+impl Terms {
+    /// All that are needed.
+    pub const ALL: Terms = Terms(None);
+
+    /// `all`, or names of terms.
+    pub fn parse(names: &[String]) -> Result<Terms> {
+        let mut chosen = Vec::new();
+        for n in names {
+            let valid = || {
+                let mut v: Vec<&str> = std::iter::once("all").chain(Term::ALL.iter().map(|t| t.room())).collect();
+                v.dedup();
+                v
+            };
+            match n.as_str() {
+                "all" => return Ok(Terms::ALL),
+                n if n == "interior" || crate::term::ROOMS.contains(&n) => chosen.push(n.to_string()),
+                n if valid().contains(&n) => {
+                    let what = format!("`--terms {n}`: this term is not available yet");
+                    let list = crate::term::ROOMS.join(", ");
+                    return Err(Error::usage(what, format!("available: all, interior, {list}")));
+                }
+                n => return Err(Error::usage(format!("`--terms {n}`: unknown term"), suggest(n, valid()))),
+            }
+        }
+        Ok(Terms(Some(chosen)))
+    }
+
+    pub fn wants(&self, term: &str) -> bool {
+        self.0.as_ref().is_none_or(|v| v.iter().any(|n| n == term))
+    }
+}
+
 /// One line of a plan.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PlanLine {
@@ -334,8 +371,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
 pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
     let slots = d.slots();
     let mut values = slots.iter().filter(|s| s.quantity.is_value()).flat_map(|s| &s.values);
-    let mut m =
-        Motion { values: values.any(|x| x.d[0] != 0.0), ..Motion::default() };
+    let mut m = Motion { values: values.any(|x| x.d[0] != 0.0), ..Motion::default() };
     for (what, x) in d.movable() {
         if x.iter().all(|x| x.d[0] == 0.0) {
             continue;

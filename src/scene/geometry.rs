@@ -180,14 +180,34 @@ impl Group {
             // Begin a few ulps behind the origin: a surface that coincides with the one just passed must not be missed.
             let ray = Ray { o: o - w * tolerance, d: w, t_max: limit + tolerance, exclude: self.exclude(on) };
             if let Some(h) = bvh.intersect(&ray) {
-                let (shape, face) = match &self.entries[h.geom as usize] {
-                    Entry::Mesh(shape) => (*shape, h.prim),
-                    Entry::Faces(list) => list[h.prim as usize],
-                };
+                let (shape, face) = self.face_of(h.geom, h.prim);
                 best = Some((h.t - tolerance, shape, face));
             }
         }
         best
+    }
+
+    fn face_of(&self, geom: u32, prim: u32) -> (u32, u32) {
+        match &self.entries[geom as usize] {
+            Entry::Mesh(shape) => (*shape, prim),
+            Entry::Faces(list) => list[prim as usize],
+        }
+    }
+
+    /// Embree's names of some faces of a mesh, or of all faces of any other shape; never empty, but for no shape.
+    fn grazed(&self, shape: u32, faces: &[u32]) -> Vec<(u32, u32)> {
+        if shape == u32::MAX {
+            return Vec::new();
+        }
+        let geom = self.geometry_of.get(shape as usize).copied().unwrap_or(u32::MAX);
+        let names: Vec<(u32, u32)> = match self.entries.get(geom as usize) {
+            Some(Entry::Mesh(_)) => faces.iter().map(|&f| (geom, f)).collect(),
+            Some(Entry::Faces(list)) => {
+                (0..list.len() as u32).filter(|&k| list[k as usize].0 == shape).map(|k| (geom, k)).collect()
+            }
+            None => Vec::new(),
+        };
+        if names.is_empty() { vec![(u32::MAX, u32::MAX)] } else { names }
     }
 
     fn exclude(&self, on: &On) -> Option<(u32, u32)> {
@@ -246,6 +266,52 @@ impl Scene {
     pub fn boundary(&self, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Option<u32>) -> Option<Hit> {
         let (t, shape, face) = self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium))?;
         Some(self.hit(t, o + w * t, shape, face))
+    }
+
+    /// Distance to the nearest opaque surface along a ray that grazes an outline of `shape`: of a mesh the named faces, of any
+    /// other shape all of it is left out.
+    pub fn opaque_past(&self, o: DVec3, w: DVec3, t_max: f64, shape: u32, faces: &[u32]) -> Option<Hit> {
+        let mut best: Option<(f64, u32, u32)> = None;
+        for &id in self.opaque.simple.iter().filter(|&&id| id != shape) {
+            let limit = best.map_or(t_max, |b| b.0);
+            if let Some(h) = self.shapes[id as usize].shape.intersect(o, w, 0.0, limit, None) {
+                best = Some((h.t, id, h.face));
+            }
+        }
+        if let Some(bvh) = &self.opaque.bvh {
+            let ray = Ray { o, d: w, t_max: best.map_or(t_max, |b| b.0), exclude: None };
+            if let Some(h) = bvh.intersect_past(&ray, &self.opaque.grazed(shape, faces)) {
+                let (shape, face) = self.opaque.face_of(h.geom, h.prim);
+                best = Some((h.t, shape, face));
+            }
+        }
+        best.map(|(t, shape, face)| self.hit(t, o + w * t, shape, face))
+    }
+
+    /// Whether anything opaque stands on the first `t_max` of a ray that grazes an outline, see [`Scene::opaque_past`].
+    pub fn blocked_past(&self, o: DVec3, w: DVec3, t_max: f64, shape: u32, faces: &[u32]) -> bool {
+        let simple = |id: u32| self.shapes[id as usize].shape.intersect(o, w, 0.0, t_max, None).is_some();
+        self.opaque.simple.iter().any(|&id| id != shape && simple(id))
+            || self.opaque.bvh.as_ref().is_some_and(|bvh| {
+                let ray = Ray { o, d: w, t_max, exclude: None };
+                bvh.occluded_past(&ray, &self.opaque.grazed(shape, faces))
+            })
+    }
+
+    /// The medium at `o`, told by the first interface along `w`; `otherwise` where there is none.
+    pub fn medium_toward(&self, o: DVec3, w: DVec3, on: &On, otherwise: Option<u32>) -> Option<u32> {
+        let (mut o, mut on) = (o, *on);
+        for _ in 0..self.max_interfaces {
+            let Some((t, shape, face)) = self.null.nearest(self, o, w, f64::INFINITY, &on, Medium::Any) else { break };
+            let h = self.hit(t, o + w * t, shape, face);
+            let shape = &self.shapes[h.shape as usize];
+            if shape.boundary {
+                return if w.dot(h.n) > 0.0 { shape.interior } else { shape.exterior };
+            }
+            on = on.crossed(&h, self.tolerance(h.p));
+            o = h.p;
+        }
+        otherwise
     }
 
     /// Whether anything opaque stands between `p` and the light.

@@ -7,6 +7,7 @@
 pub mod bounds;
 pub mod cube;
 pub mod disk;
+pub mod edges;
 pub mod mesh;
 pub mod obj;
 pub mod placement;

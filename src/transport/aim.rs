@@ -197,7 +197,11 @@ impl Part<'_> {
                 // A rounding of the way inside; the field is continuous there.
                 let inset = (t1 - t0).min(f64::MAX) * 1e-9;
                 let at = |t: f64| {
-                    if t.is_finite() { self.m.density.at(self.span.o + self.span.w * t) * self.m.scale } else { Rgb::ZERO }
+                    if t.is_finite() {
+                        self.m.density.at(self.span.o + self.span.w * t) * self.m.scale
+                    } else {
+                        Rgb::ZERO
+                    }
                 };
                 (at(t0 + inset), at(t1 - inset))
             }

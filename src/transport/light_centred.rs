@@ -6,7 +6,7 @@
 //! `p(y) = 2R / (π (R² + r²)) / (4π r²)` with R = ‖x-p‖, cancels the pole at the light; the balance heuristic of the three bounds all [T] (61), (63).
 
 use super::aim::{Aim, Turn};
-use super::connect::{self, Angles};
+use super::connect;
 use super::record::{Event, MediumSpan, Recorder};
 use super::walk::{State, Walker};
 use super::{tracking, transmit};
@@ -138,7 +138,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
 
     // The three techniques for y, per volume.
     let flight = scene.selection(light) * tracking::flight_density(m, &span, t) * per_length;
-    let angles = Angles::new(center, &span);
+    let angles = connect::angles(center, &span);
     let equi = if angles.usable() { scene.local_selection(light) * angles.density(t) * per_length } else { 0.0 };
     let own = q * density(r, radius);
     let Some(a) = scene.arrival(light, y, v, z) else { return };

@@ -13,9 +13,9 @@
 //!
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
-use super::{aim, camera_line};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::walk::{Flight, Stage, State, Tally, Walker};
+use super::{aim, camera_line};
 use crate::light::Emission;
 use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, Rgb};
@@ -199,7 +199,7 @@ impl Sweep<'_> {
         let s = camera_line::start(&mut w, state);
         w.run(s);
         let value = w.value;
-        super::add_tally(tally, &w.tally);
+        *tally = tally.plus(&w.tally);
         let Some(mut candidates) = rec.candidates.take() else { return value };
         candidates.scan(&rec.events);
 
@@ -368,6 +368,6 @@ impl Sweep<'_> {
                 }
             }
         }
-        super::add_tally(tally, &w.tally);
+        *tally = tally.plus(&w.tally);
     }
 }

@@ -127,6 +127,19 @@ pub struct Tally {
     pub unbounded_vacuum: u64,
 }
 
+impl Tally {
+    #[must_use]
+    pub fn plus(&self, o: &Tally) -> Tally {
+        Tally {
+            capped: self.capped + o.capped,
+            truncated: self.truncated + o.truncated,
+            light_on_ray: self.light_on_ray + o.light_on_ray,
+            missed_boundary: self.missed_boundary + o.missed_boundary,
+            unbounded_vacuum: self.unbounded_vacuum + o.unbounded_vacuum,
+        }
+    }
+}
+
 pub struct Walker<'a, R: Recorder> {
     pub scene: &'a Scene,
     pub set: &'a Settings,

@@ -8,6 +8,7 @@ use std::path::Path;
 use tyndall::math::Rgb;
 use tyndall::params::ParamSet;
 use tyndall::render::driver::{Job, Mode, Outcome};
+use tyndall::render::plan::Terms;
 use tyndall::scene::Scene;
 use tyndall::scene::SceneDesc;
 use tyndall::scene::compile::LoadOptions;
@@ -53,7 +54,19 @@ pub fn estimate(o: &Outcome, layer: usize) -> Estimate {
 
 pub fn job<'a>(scene: &'a Scene, spp: u64, seed: u64, mode: Mode<'a>) -> Job<'a> {
     let crop = scene.films[0].part.crop;
-    Job { scene, sensor: 0, crop, spp, seed, mode, max_time: None, target_error: None, stop: None }
+    Job {
+        scene,
+        sensor: 0,
+        crop,
+        spp,
+        seed,
+        mode,
+        terms: Terms::ALL,
+        split: false,
+        max_time: None,
+        target_error: None,
+        stop: None,
+    }
 }
 
 pub fn run(scene: &Scene, spp: u64, seed: u64, mode: Mode) -> Outcome {
