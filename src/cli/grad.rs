@@ -148,7 +148,7 @@ impl GradArgs {
 }
 
 /// `all`, or terms that exist.
-fn check_terms(terms: &[String]) -> Result<()> {
+pub fn check_terms(terms: &[String]) -> Result<()> {
     let names = || std::iter::once("all").chain(Term::ALL.iter().map(|t| t.room()));
     for t in terms {
         match t.as_str() {
@@ -168,7 +168,7 @@ fn check_terms(terms: &[String]) -> Result<()> {
 }
 
 /// Say when a derivative is zero because nothing depends on the parameter.
-fn tell_idle(params: &ParamSet, wrt: &[String], log: &Log) {
+pub fn tell_idle(params: &ParamSet, wrt: &[String], log: &Log) {
     if !params.any_active() {
         log.warn(format!("nothing in the picture changes with {}: the derivative is 0", wrt.join(", ")));
     }
