@@ -45,7 +45,7 @@ pub fn default_name(scene: &Path, ending: &str) -> PathBuf {
     PathBuf::from(stem + ending)
 }
 
-fn need_extension(option: &str, path: &Path, extension: &str) -> Result<()> {
+pub fn need_extension(option: &str, path: &Path, extension: &str) -> Result<()> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension)) {
         return Ok(());
     }
@@ -55,7 +55,7 @@ fn need_extension(option: &str, path: &Path, extension: &str) -> Result<()> {
     ))
 }
 
-fn check_place(path: &Path, overwrite: bool) -> Result<()> {
+pub fn check_place(path: &Path, overwrite: bool) -> Result<()> {
     if path.is_dir() {
         let what = format!("{} is a folder", path.display());
         return Err(Error::usage(what, "give the name of a file"));

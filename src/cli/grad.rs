@@ -148,7 +148,7 @@ impl GradArgs {
 }
 
 /// Say when a derivative is zero because nothing depends on the parameter.
-fn tell_idle(params: &ParamSet, wrt: &[String], log: &Log) {
+pub fn tell_idle(params: &ParamSet, wrt: &[String], log: &Log) {
     if !params.any_active() {
         log.warn(format!("nothing in the picture changes with {}: the derivative is 0", wrt.join(", ")));
     }

@@ -3,6 +3,7 @@
 //! stdout carries the result (with `--json` nothing but JSON), stderr the log and the progress display. Exit codes are those
 //! of [`tyndall::error::ExitCode`], and 128 + n after signal n.
 
+mod check;
 mod completions;
 mod files;
 mod format;
@@ -42,6 +43,7 @@ struct Cli {
 enum Command {
     Render(render::RenderArgs),
     Grad(grad::GradArgs),
+    Check(check::CheckArgs),
     Info(info::InfoArgs),
     Plan(plan::PlanArgs),
     Stress(stress::StressArgs),
@@ -56,6 +58,7 @@ impl Command {
         match self {
             Command::Render(a) => a.run(log),
             Command::Grad(a) => a.run(log),
+            Command::Check(a) => a.run(log),
             Command::Info(a) => a.run(log),
             Command::Plan(a) => a.run(log),
             Command::Stress(a) => a.run(log),
@@ -68,6 +71,7 @@ impl Command {
         match self {
             Command::Render(a) => a.log.clone(),
             Command::Grad(a) => a.log.clone(),
+            Command::Check(a) => a.log.clone(),
             Command::Info(a) => a.log.clone(),
             Command::Plan(a) => a.log.clone(),
             Command::Stress(a) => a.log.clone(),

@@ -73,6 +73,55 @@ pub struct RenderOptions {
     pub progress: ProgressKind,
 }
 
+/// What commands take that render many times.
+#[derive(Args, Clone, Debug)]
+pub struct StudyOptions {
+    /// Sensor, by number from 0 or by id [default: 0]
+    #[arg(short, long, value_name = "SENSOR")]
+    pub sensor: Option<String>,
+    /// Seed of the random numbers [default: the scene's]
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Threads [default: one a core]
+    #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub threads: Option<u16>,
+    /// Part of the picture, in pixels from its upper left corner
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop)]
+    pub crop: Option<[usize; 4]>,
+    /// Terms of the derivative: all, or a list; `tyndall plan` shows them
+    #[arg(long, value_name = "TERMS", value_delimiter = ',', default_value = "all")]
+    pub terms: Vec<String>,
+    /// Set voxels that are NaN, infinite or negative to 0 instead of refusing the file, and count them
+    #[arg(long)]
+    pub repair_voxels: bool,
+    /// Share of samples that may be biased (left out, cut) before the exit code is 3
+    #[arg(long, value_name = "SHARE", default_value_t = tyndall::render::health::DEFAULT_LIMIT, value_parser = share)]
+    pub health_limit: f64,
+    /// Replace output files that exist
+    #[arg(long)]
+    pub overwrite: bool,
+}
+
+impl StudyOptions {
+    /// The same for a single run.
+    pub fn render(&self, spp: Option<u64>) -> RenderOptions {
+        RenderOptions {
+            sensor: self.sensor.clone(),
+            spp,
+            seed: self.seed,
+            threads: self.threads,
+            crop: self.crop,
+            repair_voxels: self.repair_voxels,
+            max_time: None,
+            target_error: None,
+            health_limit: self.health_limit,
+            overwrite: self.overwrite,
+            preview: None,
+            progress: ProgressKind::None,
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ProgressKind {
     /// A bar on a terminal, else plain lines
@@ -104,7 +153,7 @@ fn crop(text: &str) -> std::result::Result<[usize; 4], String> {
     Ok([x0, y0, x1, y1])
 }
 
-fn duration(text: &str) -> std::result::Result<Duration, String> {
+pub fn duration(text: &str) -> std::result::Result<Duration, String> {
     let form = "write a number and its unit: 500ms, 90s, 5m or 1h";
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit = match &text[digits.len()..] {
@@ -118,7 +167,7 @@ fn duration(text: &str) -> std::result::Result<Duration, String> {
     Duration::try_from_secs_f64(seconds).map_err(|_| form.into())
 }
 
-fn positive(text: &str) -> std::result::Result<f64, String> {
+pub fn positive(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
         _ => Err("write a number greater than 0".into()),

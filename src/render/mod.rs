@@ -1,6 +1,7 @@
 //! Numbers to files: the film and its health, EXR, previews, plots and the report.
 
 pub mod driver;
+pub mod family;
 pub mod film;
 pub mod film_state;
 pub mod filter;

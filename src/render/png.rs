@@ -178,6 +178,8 @@ pub enum Content {
     Picture(Vec<[f32; 3]>, Exposure),
     /// A signed map, such as [`luminance`] of a derivative layer.
     Derivative(Vec<f32>),
+    /// A signed map with a symmetric range and a colour bar of its own, such as a map of z scores.
+    Score(Vec<f32>, f64),
 }
 
 #[derive(Clone, Debug)]
@@ -201,7 +203,7 @@ impl Panel {
     }
 }
 
-/// Panels side by side, row by row; all derivative panels share one symmetric range and one colour bar.
+/// Panels side by side, row by row; all derivative panels share one symmetric range and one colour bar, scores have theirs.
 #[derive(Clone, Debug, Default)]
 pub struct Sheet {
     pub panels: Vec<Panel>,
@@ -211,6 +213,19 @@ pub struct Sheet {
     pub unit: String,
     /// Half-width of the range; `None`: [`symmetric_range`].
     pub range: Option<f64>,
+}
+
+/// Sheets below each other, each with its own ranges and colour bars.
+pub fn write_sheets(path: &Path, sheets: &[Sheet]) -> Result<()> {
+    let drawn: Vec<Canvas> = sheets.iter().map(Sheet::draw).collect();
+    let width = drawn.iter().map(|c| c.width).max().unwrap_or(1);
+    let mut all = Canvas::new(width, drawn.iter().map(|c| c.height).sum::<usize>().max(1));
+    let mut y = 0;
+    for c in &drawn {
+        all.blit(0, y, 1, c.width, &c.pixels);
+        y += c.height;
+    }
+    all.write(path)
 }
 
 /// Pixels a dot of text, and the space between things.
@@ -243,8 +258,10 @@ impl Sheet {
         let (cell_width, cell_height) = (cell_width.unwrap_or(0), cell_height.unwrap_or(0));
         let (step_x, step_y) = (cell_width + GAP, LINE + GAP / 2 + cell_height + GAP);
         let panels_width = GAP + columns * step_x;
-        let bar = range.map(|r| ColorBar::new(r, &self.unit));
-        let width = panels_width + bar.as_ref().map_or(0, |b| b.width() + GAP);
+        let mut bars: Vec<ColorBar> = range.map(|r| ColorBar::new(r, &self.unit)).into_iter().collect();
+        let scores = self.panels.iter().find_map(|p| if let Content::Score(_, r) = p.content { Some(r) } else { None });
+        bars.extend(scores.map(|r| ColorBar::new(r, "z")));
+        let width = panels_width + bars.iter().map(|b| b.width() + GAP).sum::<usize>();
         let mut canvas = Canvas::new(width, GAP + rows * step_y);
 
         for (i, (panel, &factor)) in self.panels.iter().zip(&factors).enumerate() {
@@ -256,10 +273,11 @@ impl Sheet {
             canvas.fill(x - 1, top - 1, panel.width * factor + 2, panel.height * factor + 2, FRAME);
             canvas.blit(x, top, factor, panel.width, &pixels);
         }
-        if let Some(bar) = bar {
-            let top = GAP + LINE + GAP / 2;
+        let (mut x, top) = (panels_width, GAP + LINE + GAP / 2);
+        for bar in bars {
             let height = (rows * step_y - GAP - LINE - GAP / 2).min(512);
-            bar.draw(&mut canvas, panels_width, top, height);
+            bar.draw(&mut canvas, x, top, height);
+            x += bar.width() + GAP;
         }
         canvas
     }
@@ -274,6 +292,7 @@ impl Panel {
         match &self.content {
             Content::Picture(pixels, exposure) => tone_map(pixels, *exposure),
             Content::Derivative(map) => map.iter().map(|&v| diverging(f64::from(v) / range)).collect(),
+            Content::Score(map, range) => map.iter().map(|&v| diverging(f64::from(v) / range)).collect(),
         }
     }
 }

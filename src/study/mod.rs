@@ -1,13 +1,18 @@
-//! Studies of the renderer by itself: stiff and extreme cases with known truth.
+//! Studies of the renderer by itself: stiff and extreme cases with known truth, derivatives against finite differences.
 
+pub mod agreement;
 mod airlight;
+pub mod check;
+pub mod differences;
 mod grids;
 mod measure;
 mod policy;
 mod reference;
+pub mod rounds;
 mod slab;
 pub mod stress;
 mod stress_cases;
+pub mod sweep;
 mod units;
 
 pub use stress::{StressOptions, StressRow, Suite, Summary, Verdict, run};

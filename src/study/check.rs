@@ -1,0 +1,352 @@
+//! The derivative against finite differences of the renderer's own pictures, with error bars on both sides.
+//!
+//! Rounds of both estimators, with seeds of their own, are compared over blocks (the verdict) and over pixels (counts).
+//! Samples are doubled where the error is larger until the comparison is sharp enough or disagreement is certain:
+//!
+//! - fail: significant over blocks ([`Agreement`]), at two numbers of samples in a row or at the last;
+//! - pass: not significant, and the combined standard error of blocks, step bias included, is at most the tolerance times
+//!   mean |d| over blocks; also where both are exactly 0;
+//! - undecided: time or samples were over before.
+
+use super::agreement::{Agreement, scores};
+use super::differences::{At, Bias, Difference, Side};
+use super::rounds::{Blocks, Rounds};
+use super::sweep::{self, Rung};
+use crate::error::{Error, Result};
+use crate::params::ParamSet;
+use crate::render::family::{Family, Member, View, numbers, stream};
+use crate::render::health::Health;
+use serde::Serialize;
+use std::time::{Duration, Instant};
+
+/// Rounds a stage.
+const ROUNDS: u64 = 32;
+/// Samples that a round has at least, over its pixels: its pilot should not be what costs.
+const LEAST: usize = 4096;
+
+#[derive(Clone, Debug)]
+pub struct CheckOptions {
+    pub seed: u64,
+    /// Samples a pixel to begin with.
+    pub spp: Option<u64>,
+    /// Samples a pixel of either side, at most.
+    pub max_spp: u64,
+    pub max_time: Duration,
+    /// Side of a block in pixels.
+    pub block: usize,
+    /// Comparison error that a pass may have, as a share of mean |d| over blocks.
+    pub tolerance: f64,
+    /// A fixed step instead of a sweep.
+    pub step: Option<f64>,
+}
+
+impl Default for CheckOptions {
+    fn default() -> Self {
+        CheckOptions {
+            seed: 0,
+            spp: None,
+            max_spp: 1 << 20,
+            max_time: Duration::from_secs(600),
+            block: 8,
+            tolerance: 0.02,
+            step: None,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    Pass,
+    Fail,
+    Undecided,
+}
+
+impl Verdict {
+    pub fn name(self) -> &'static str {
+        match self {
+            Verdict::Pass => "pass",
+            Verdict::Fail => "fail",
+            Verdict::Undecided => "undecided",
+        }
+    }
+}
+
+/// Images of one parameter, for the sheet: three channels a pixel.
+#[derive(Clone, Debug, Default)]
+pub struct Images {
+    pub ours: Vec<f64>,
+    pub differences: Vec<f64>,
+    pub z: Vec<f64>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub struct ParameterCheck {
+    pub name: String,
+    pub value: f64,
+    pub verdict: Verdict,
+    pub side: Side,
+    pub step: f64,
+    /// Root mean square over blocks of the extrapolated difference's own bias, at most.
+    pub step_bias: f64,
+    /// Root mean square standard errors of blocks.
+    pub error_ours: f64,
+    pub error_differences: f64,
+    pub spp_ours: f64,
+    /// Of one of the `pictures` of the difference.
+    pub spp_differences: f64,
+    pub pictures: usize,
+    pub seconds: f64,
+    pub blocks: Agreement,
+    pub pixels: Agreement,
+    pub sweep: Vec<Rung>,
+    #[serde(skip)]
+    pub images: Images,
+}
+
+pub struct CheckReport {
+    pub verdict: Verdict,
+    pub parameters: Vec<ParameterCheck>,
+    pub picture: Vec<f64>,
+    pub health: Health,
+    /// What the health counters refer to.
+    pub samples: u64,
+    pub seconds: f64,
+}
+
+/// What is checked: from member, parameters, samples a pixel and seed to the picture and one image a parameter.
+pub type Estimator<'a> = dyn Fn(&Member, &ParamSet, u64, u64, &Health) -> Result<Vec<Vec<f64>>> + 'a;
+
+/// The renderer's own derivative.
+pub fn ours<'a>(view: View<'a>) -> impl Fn(&Member, &ParamSet, u64, u64, &Health) -> Result<Vec<Vec<f64>>> + 'a {
+    move |member, params, spp, seed, health| {
+        let o = view.derivative(&member.scene, params, spp, seed)?;
+        health.merge(&o.film.health);
+        Ok((0..=params.len()).map(|l| numbers(&o, l)).collect())
+    }
+}
+
+/// An estimator's rounds so far, by pixel and by block, a layer each.
+struct Stock {
+    pixels: Vec<Rounds>,
+    blocks: Vec<Rounds>,
+    next: u64,
+    seconds: f64,
+}
+
+impl Stock {
+    fn new(layers: usize) -> Self {
+        let rounds = vec![Rounds::default(); layers];
+        Stock { pixels: rounds.clone(), blocks: rounds, next: 0, seconds: 0.0 }
+    }
+
+    /// 32 more rounds, which double the samples.
+    fn grow(
+        &mut self,
+        blocks: &Blocks,
+        first: u64,
+        mut run: impl FnMut(u64, u64) -> Result<Vec<Vec<f64>>>,
+    ) -> Result<()> {
+        let spp = if self.next == 0 { first } else { (self.spp() / ROUNDS as f64).round() as u64 };
+        let start = Instant::now();
+        for _ in 0..ROUNDS {
+            let images = run(spp, self.next)?;
+            self.next += 1;
+            for ((image, p), b) in images.iter().zip(&mut self.pixels).zip(&mut self.blocks) {
+                p.push(image, spp as f64);
+                b.push(&blocks.means(image), spp as f64);
+            }
+        }
+        self.seconds += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    fn spp(&self) -> f64 {
+        self.pixels[0].samples
+    }
+}
+
+/// Everything that one check shares.
+struct Bench<'a> {
+    family: &'a Family,
+    view: View<'a>,
+    options: &'a CheckOptions,
+    blocks: Blocks,
+    member: Member,
+    params: ParamSet,
+    estimator: &'a Estimator<'a>,
+    health: Health,
+    /// Samples a pixel in a first round.
+    first: u64,
+}
+
+/// Check every parameter; `say` hears how it goes on.
+pub fn check(
+    family: &Family,
+    view: View,
+    wrt: &[String],
+    options: &CheckOptions,
+    estimator: &Estimator,
+    say: &mut dyn FnMut(String),
+) -> Result<CheckReport> {
+    let start = Instant::now();
+    let member = family.at(&[])?;
+    let params = member.scene.param_set(&member.desc, wrt)?;
+    let least = LEAST.div_ceil(view.pixels()) as u64;
+    let first = options.spp.map_or(least, |n| n.div_ceil(ROUNDS)).max(1);
+    let blocks = Blocks::new(view.width(), view.height(), options.block);
+    let bench = Bench { family, view, options, blocks, member, params, estimator, health: Health::new(), first };
+    let mut ours = Stock::new(1 + wrt.len());
+    let mut parameters = Vec::new();
+    let mut taken = 0.0;
+    for (k, name) in wrt.iter().enumerate() {
+        // Time is shared alike among the parameters that are left.
+        let left = options.max_time.saturating_sub(start.elapsed()) / (wrt.len() - k) as u32;
+        let p = bench.parameter(k, name, &mut ours, Instant::now() + left, say)?;
+        taken += p.spp_differences * p.pictures as f64;
+        parameters.push(p);
+    }
+    let verdict = [Verdict::Fail, Verdict::Undecided].into_iter().find(|v| parameters.iter().any(|p| p.verdict == *v));
+    Ok(CheckReport {
+        verdict: verdict.unwrap_or(Verdict::Pass),
+        parameters,
+        picture: ours.pixels[0].mean.clone(),
+        health: bench.health,
+        samples: ((taken + ours.spp()) * view.pixels() as f64) as u64,
+        seconds: start.elapsed().as_secs_f64(),
+    })
+}
+
+impl Bench<'_> {
+    fn more_of_ours(&self, side: &mut Stock) -> Result<()> {
+        let run = |spp, round| {
+            let seed = stream(self.options.seed, 1, round);
+            (self.estimator)(&self.member, &self.params, spp, seed, &self.health)
+        };
+        side.grow(&self.blocks, self.first, run)
+    }
+
+    fn parameter(
+        &self,
+        k: usize,
+        name: &str,
+        ours: &mut Stock,
+        deadline: Instant,
+        say: &mut dyn FnMut(String),
+    ) -> Result<ParameterCheck> {
+        let (start, o) = (Instant::now(), self.options);
+        let value = self.member.desc.params[self.member.desc.wrt(name)?].value;
+        let at = At { family: self.family, name, value };
+        let (side, step, rungs) = self.step(&at, say)?;
+        let mut difference = Difference::extrapolated(&at, side, step)?;
+        // The difference, and its estimated bias.
+        let mut theirs = Stock::new(2);
+        // A smaller step starts anew, with other seeds.
+        let mut generation = 0;
+        let mut suspicious = false;
+        loop {
+            if ours.next == 0 {
+                self.more_of_ours(ours)?;
+            }
+            if theirs.next == 0 {
+                self.more_of_theirs(&difference, &mut theirs, generation)?;
+            }
+            let bias = Bias::new(&theirs.blocks[1]).bound();
+            let blocks = Agreement::new(&ours.blocks[k + 1], &theirs.blocks[0], bias, o.tolerance);
+            let errors = [ours.blocks[k + 1].mean_variance().sqrt(), theirs.blocks[0].mean_variance().sqrt()];
+            say(format!(
+                "{name}: error {:.2} % of mean |d| (ours {:.2}, differences {:.2}, step {:.2}), max |z| {:.2}",
+                100.0 * blocks.relative_error,
+                100.0 * errors[0] / blocks.mean_abs,
+                100.0 * errors[1] / blocks.mean_abs,
+                100.0 * bias / blocks.mean_abs,
+                blocks.max_z
+            ));
+            let sharp = blocks.relative_error <= o.tolerance;
+            let certain = blocks.significant && suspicious;
+            let next = self.next(errors, ours, &theirs, deadline);
+            let verdict = match (certain, sharp && !blocks.significant, next) {
+                (true, ..) => Some(Verdict::Fail),
+                (_, true, _) => Some(Verdict::Pass),
+                (_, _, None) if blocks.significant => Some(Verdict::Fail),
+                (_, _, None) => Some(Verdict::Undecided),
+                _ => None,
+            };
+            if let Some(verdict) = verdict {
+                let (a, b) = (&ours.pixels[k + 1], &theirs.pixels[0]);
+                return Ok(ParameterCheck {
+                    name: name.into(),
+                    value,
+                    verdict,
+                    side,
+                    step: difference.step,
+                    step_bias: bias,
+                    error_ours: errors[0],
+                    error_differences: errors[1],
+                    spp_ours: ours.spp(),
+                    spp_differences: theirs.spp(),
+                    pictures: difference.pictures(),
+                    seconds: start.elapsed().as_secs_f64(),
+                    blocks,
+                    pixels: Agreement::new(a, b, bias, o.tolerance),
+                    sweep: rungs,
+                    images: Images { ours: a.mean.clone(), differences: b.mean.clone(), z: scores(a, b, bias) },
+                });
+            }
+            suspicious = blocks.significant;
+            // A bias that no sample takes off: half the step.
+            let biased = bias > 0.7 * o.tolerance * blocks.mean_abs && bias > errors[0].hypot(errors[1]);
+            if biased && o.step.is_none() {
+                difference = Difference::extrapolated(&at, side, 0.5 * difference.step)?;
+                theirs = Stock::new(2);
+                generation += 1;
+                continue;
+            }
+            let [more_ours, more_theirs] = next.unwrap_or_default();
+            if more_ours {
+                self.more_of_ours(ours)?;
+            }
+            if more_theirs {
+                self.more_of_theirs(&difference, &mut theirs, generation)?;
+            }
+        }
+    }
+
+    fn step(&self, at: &At, say: &mut dyn FnMut(String)) -> Result<(Side, f64, Vec<Rung>)> {
+        let o = self.options;
+        if let Some(h) = o.step {
+            for side in [Side::Central, Side::Forward, Side::Backward] {
+                if at.fits(side, h)? {
+                    return Ok((side, h, Vec::new()));
+                }
+            }
+            let what = format!("--step {h}: the scene refuses `{}` = {} +- {h}", at.name, at.value);
+            return Err(Error::usage(what, "give a smaller step, or --step auto"));
+        }
+        let s = sweep::sweep(at, &self.view, &self.blocks, self.first, o.seed, o.tolerance, &self.health)?;
+        say(format!("{}: step {:.3e} out of {}", at.name, s.step, s.rungs.len()));
+        Ok((s.side, s.step, s.rungs))
+    }
+
+    fn more_of_theirs(&self, d: &Difference, side: &mut Stock, generation: u64) -> Result<()> {
+        let run = |spp, round| {
+            let seed = stream(self.options.seed, 2, round + (generation << 16));
+            d.round(&self.view, spp, seed, &self.health)
+        };
+        side.grow(&self.blocks, self.first, run)
+    }
+
+    /// Which side to double: the noisier one, both where they are alike; `None` where time or samples do not suffice.
+    fn next(&self, [a, b]: [f64; 2], ours: &Stock, theirs: &Stock, deadline: Instant) -> Option<[bool; 2]> {
+        let grow = [a >= 0.5 * b, b >= 0.5 * a];
+        // Doubling takes as long as all before.
+        let mut seconds = 0.0;
+        for (grows, side) in grow.iter().zip([ours, theirs]).filter(|g| *g.0) {
+            if !grows || 2.0 * side.spp() > self.options.max_spp as f64 {
+                return None;
+            }
+            seconds += side.seconds;
+        }
+        (Instant::now() + Duration::from_secs_f64(seconds) <= deadline).then_some(grow)
+    }
+}
