@@ -44,32 +44,26 @@ impl Cube {
         Ok(Cube { placement, faces: Discrete::new(areas) })
     }
 
-    /// Entry and exit of the line, `(t, face)` each; `None` as soon as nothing between them is left of `(t_min, t_max]`.
-    fn slabs(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64) -> Option<[(f64, u32); 2]> {
-        let offset = self.placement.offset(o);
+    /// Entry and exit of the line, `(t, face)` each.
+    fn slabs(o: DVec3, w: DVec3) -> Option<[(f64, u32); 2]> {
         let (mut near, mut far) = ((f64::NEG_INFINITY, 0), (f64::INFINITY, 0));
         for a in 0..3 {
-            let (o, w) = (self.placement.coordinate(a, offset), self.placement.coordinate(a, w));
-            if w == 0.0 {
-                if o.abs() > 1.0 {
+            if w[a] == 0.0 {
+                if o[a].abs() > 1.0 {
                     return None;
                 }
                 continue;
             }
-            let side = 1f64.copysign(w);
-            let (enter, exit) = ((-side - o) / w, (side - o) / w);
+            let side = 1f64.copysign(w[a]);
+            let (enter, exit) = ((-side - o[a]) / w[a], (side - o[a]) / w[a]);
             if enter > near.0 {
                 near = (enter, face_of(a, -side));
             }
             if exit < far.0 {
                 far = (exit, face_of(a, side));
             }
-            // Later slabs only narrow it.
-            if near.0 >= far.0 || near.0 > t_max || far.0 <= t_min {
-                return None;
-            }
         }
-        Some([near, far])
+        (near.0 < far.0).then_some([near, far])
     }
 
     /// Exit of a ray that starts on `face`; `None` if it points outward.
@@ -120,17 +114,16 @@ impl Geometry for Cube {
 
     fn cross(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<(f64, u32)> {
         let inside = |x: &(f64, u32)| x.0 > t_min && x.0 <= t_max;
+        let (o, w) = self.placement.local_ray(o, w);
         match start {
-            Some(s) => {
-                let (o, w) = self.placement.local_ray(o, w);
-                Self::exit_from(s.face, o, w).filter(inside)
-            }
-            None => self.slabs(o, w, t_min, t_max)?.into_iter().find(inside),
+            Some(s) => Self::exit_from(s.face, o, w).filter(inside),
+            None => Self::slabs(o, w)?.into_iter().find(inside),
         }
     }
 
     fn crossings(&self, o: DVec3, w: DVec3) -> Option<[ShapeHit; 2]> {
-        Some(self.slabs(o, w, f64::NEG_INFINITY, f64::INFINITY)?.map(|x| self.hit(o, w, x)))
+        let (local_o, local_w) = self.placement.local_ray(o, w);
+        Some(Self::slabs(local_o, local_w)?.map(|x| self.hit(o, w, x)))
     }
 
     fn normal(&self, face: u32, _p: DVec3) -> DVec3 {

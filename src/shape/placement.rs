@@ -11,6 +11,8 @@ pub struct Placement {
     /// Rows of the inverse of the linear part: one local coordinate costs one product. Points are taken relative to the
     /// translation first, which keeps the digits of small shapes far from the origin.
     rows: [DVec3; 3],
+    /// The same inverse, for whole vectors.
+    linear_inverse: DMat3,
     pub to_world: DAffine3,
     /// Unit world normals of the local axes, flipped on request.
     normals: [DVec3; 3],
@@ -31,7 +33,7 @@ impl Placement {
             let n = (n / n.abs().max_element()).normalize();
             if flip_normals { -n } else { n }
         });
-        Ok(Placement { rows, to_world, normals, flip_normals })
+        Ok(Placement { rows, linear_inverse, to_world, normals, flip_normals })
     }
 
     pub fn flip_normals(&self) -> bool {
@@ -47,8 +49,7 @@ impl Placement {
     }
 
     pub fn local_point(&self, p: DVec3) -> DVec3 {
-        let p = self.offset(p);
-        DVec3::from_array(std::array::from_fn(|axis| self.coordinate(axis, p)))
+        self.linear_inverse * self.offset(p)
     }
 
     /// A point relative to the translation, still in world axes.
@@ -73,7 +74,7 @@ impl Placement {
 
     /// `t` is the same in both spaces: the direction is not normalised.
     pub fn local_ray(&self, o: DVec3, w: DVec3) -> (DVec3, DVec3) {
-        (self.local_point(o), DVec3::from_array(std::array::from_fn(|axis| self.coordinate(axis, w))))
+        (self.local_point(o), self.linear_inverse * w)
     }
 
     /// Unit world normal of a local axis, flipped on request.
