@@ -6,10 +6,10 @@
 //! survival probability of a sampled direction.
 
 use super::aim::{Aim, Turn};
-use super::light_centred;
 use super::record::{Event, MediumSpan, Recorder};
 use super::transmit;
 use super::walk::{Flight, State, Walker};
+use super::{beside, light_centred};
 use crate::light::Arrival;
 use crate::math::equiangular::EquiAngular;
 use crate::math::{DVec3, Rgb};
@@ -62,15 +62,9 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
         share = flight_share(w, light, center, &s.flight, t);
     }
     let weight = s.beta / s.r.mean() * (f * a.factor / probability * share);
-    let aim = follows(w, light, s.o, s.flight.reach)
+    let aim = beside::follows(w, light, s.o, s.flight.reach.map(|r| r.0), s.grand)
         .then(|| Aim::new(light, s.o, Some(id), On::default(), &a, Turn::Phase(id, s.w), s.aside));
     finish(w, s, &a, &On::default(), weight, probability, f, Some((id, m)), aim);
-}
-
-/// Whether the motion of `light` is to be scored by an ordinary connection from the medium point `y`: not beside the light, where
-/// [`light_centred::beside`] takes over.
-pub(super) fn follows<R: Recorder>(w: &Walker<R>, light: u32, y: DVec3, reach: Option<(DVec3, f64)>) -> bool {
-    R::ON && w.rec.follows(light) && !reach.is_some_and(|(x, _)| light_centred::is_beside(w.scene, light, x, y))
 }
 
 /// Next-event estimation from a surface at `s.o`, reflectance already in `s.beta`.
@@ -135,7 +129,7 @@ pub fn equiangular<R: Recorder>(
     let f = medium.phase.eval(m);
     let weight = prefix * transmittance * (f * a.factor / (equi + flight + centred));
     let Some((t, _)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
-    let aim = follows(w, light, p, reach)
+    let aim = beside::follows(w, light, p, reach.map(|r| r.0), s.from)
         .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));
     score(w, &a, weight * t, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)), aim);
 }

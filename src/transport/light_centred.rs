@@ -6,9 +6,9 @@
 //! `p(y) = 2R / (π (R² + r²)) / (4π r²)` with R = ‖x-p‖, cancels the pole at the light; the balance heuristic of the three bounds all [T] (61), (63).
 
 use super::aim::{Aim, Turn};
-use super::connect;
-use super::record::{Event, MediumSpan, Recorder};
+use super::record::{MediumSpan, Recorder};
 use super::walk::{State, Walker};
+use super::{beside, connect};
 use super::{tracking, transmit};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
@@ -42,20 +42,20 @@ pub fn density_per_length(scene: &Scene, light: u32, center: DVec3, y: DVec3, re
 }
 
 /// A point y seen from a vertex through the medium around it.
-struct Sight {
-    direction: DVec3,
+pub(super) struct Sight {
+    pub direction: DVec3,
     /// Phase function or cosine at the vertex, per solid angle, over the squared distance.
-    per_length: f64,
-    phase: Option<(u32, f64)>,
-    transmittance: Rgb,
+    pub per_length: f64,
+    pub phase: Option<(u32, f64)>,
+    pub transmittance: Rgb,
     /// The span that y lies in, whole, and where.
-    span: MediumSpan,
-    t: f64,
+    pub span: MediumSpan,
+    pub t: f64,
 }
 
 impl Sight {
     /// March from the vertex at `s.o` to y. Transmittance draws from `rng`, spans go to the record's side list.
-    fn new<R: Recorder>(w: &mut Walker<R>, s: &State, vertex: &Vertex, y: DVec3, rng: &mut Rng) -> Option<Sight> {
+    pub fn new<R: Recorder>(w: &mut Walker<R>, s: &State, vertex: &Vertex, y: DVec3, rng: &mut Rng) -> Option<Sight> {
         let scene = w.scene;
         let to_y = y - s.o;
         let d = to_y.length();
@@ -151,86 +151,9 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let rng = if sigma_s.is_zero() { &mut unscored } else { &mut s.rng };
     let Some((shadow, _)) = transmit::shadow(w, rng, Some(span.medium), y, &On::default(), &a) else { return };
     let phases = [sight.phase, Some((span.medium, m2))];
-    let aim = connect::follows(w, light, y, Some((s.o, 1.0))).then(|| {
+    let aim = beside::follows(w, light, y, Some(s.o), s.from).then(|| {
         let turn = Turn::Phase(span.medium, sight.direction);
         Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside)
     });
     connect::score(w, &a, weight * shadow, first, phases, Some((span.medium, y, sigma_s)), aim);
-}
-
-/// Share of the distance from vertex to light within which [`beside`] scores the light's motion.
-const BESIDE: f64 = 0.5;
-
-/// Whether the motion of the light, seen from `y` after a vertex at `x`, is left to [`beside`].
-pub(super) fn is_beside(scene: &Scene, light: u32, x: DVec3, y: DVec3) -> bool {
-    let Some(p) = scene.lights[light as usize].center() else { return false };
-    scene.embedded_selection(light) > 0.0 && (y - p).length_squared() < BESIDE * BESIDE * (x - p).length_squared()
-}
-
-/// The motion of a light that stands in a medium, scored at next vertices y within a ball of radius R around it, R half the distance
-/// from the vertex x to the light.
-///
-/// There `∫ F(y) h(n)/r^2 dy` (n = (y-p)/r; h: phase function at y times the intensity's profile; F: all the rest) has the derivative
-///
-/// `∫ [F ∂_p(h/r^2) - F(p) ∂_p(h_p/r^2)] dy - F(p) ∮ h_p n dn`,
-///
-/// h_p being h with the arrival from x at p. `h_p/r^2` is homogeneous in y-p: the integral of its gradient over any shell is 0, so what is
-/// subtracted has no mean, but takes away the part `~ r^-3` that is not integrable; the last term is the flux through
-/// a vanishing sphere that moves with p (it is what [T] (64) leaves out where h is not even in n). No vertex moves, so no
-/// silhouette needs a term for it. Where a shadow or a silhouette at distance b parts y from p, `r^-3` is left beyond b; the density
-/// `~ r^-2.5` keeps its second moment at `b^-1/2`, which is integrable over all x.
-pub fn beside<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
-    let scene = w.scene;
-    if !R::ON || !scene.has_embedded_lights() || !w.may_scatter(s.depth + 1) {
-        return;
-    }
-    let Some((light, q)) = scene.select_embedded_light(s.aside.uniform()) else { return };
-    if !w.rec.follows(light) {
-        return;
-    }
-    let (u, v, z) = (s.aside.uniform(), s.aside.uniform(), s.aside.uniform());
-    let Some(p) = scene.lights[light as usize].center() else { return };
-    let radius = BESIDE * (p - s.o).length();
-    let (r, n) = (radius * u * u, warp::sphere(v, z));
-    let y = p + n * r;
-    if r <= 0.0 || !r.is_finite() || y == p {
-        return;
-    }
-    let density = q / (2.0 * (radius * r).sqrt()) / (4.0 * PI * r * r);
-    let prefix = s.beta / s.r.mean();
-    let side = w.rec.side_len();
-    let mut rng = s.aside;
-    let (at_light, at_y) = (Sight::new(w, s, vertex, p, &mut rng), Sight::new(w, s, vertex, y, &mut rng));
-    if let Some(a) = scene.arrival(light, y, 0.0, 0.0) {
-        // F without its phase function at the far end.
-        let rest = |sight: &Sight, y: DVec3| {
-            let m = &scene.media[sight.span.medium as usize];
-            prefix * sight.transmittance * m.coefficients(y).1 * sight.per_length
-        };
-        let phase = |sight: &Sight| {
-            let m = &scene.media[sight.span.medium as usize];
-            m.phase.eval(one_minus_cos(sight.direction, a.w))
-        };
-        let aim = |sight: &Sight| {
-            let medium = sight.span.medium;
-            Aim::new(light, y, Some(medium), On::default(), &a, Turn::Phase(medium, sight.direction), s.aside)
-        };
-        let light_at_y = a.emission.color() * (a.factor / density);
-        if let Some(sight) = &at_y {
-            let on = On::default();
-            if let Some((shadow, _)) = transmit::shadow(w, &mut rng, Some(sight.span.medium), y, &on, &a) {
-                let value = rest(sight, y) * shadow * phase(sight) * light_at_y;
-                w.rec.push(Event::Aim { aim: aim(sight), value });
-            }
-        }
-        if let Some(sight) = &at_light {
-            let h = rest(sight, p) * phase(sight);
-            w.rec.push(Event::Aim { aim: Aim { model: true, ..aim(sight) }, value: -(h * light_at_y) });
-            let flux = h * a.emission.color() * (4.0 * PI / q);
-            w.rec.push(Event::Drift { slot: scene.lights[light as usize].place.position, v: -n, value: flux });
-        }
-    }
-    s.aside = rng;
-    // Their spans are nobody's: only motion was scored.
-    w.rec.side_truncate(side);
 }

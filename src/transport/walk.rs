@@ -10,7 +10,7 @@
 
 use super::record::{Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
-use super::{connect, light_centred};
+use super::{beside, connect, light_centred};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
@@ -54,6 +54,9 @@ pub struct State {
     pub pdf_direction: f64,
     /// The last vertex.
     pub vertex: DVec3,
+    /// The vertex before the last one, if both are in a medium or that one's direction was drawn; and the same of that one.
+    pub from: Option<DVec3>,
+    pub grand: Option<DVec3>,
     /// Optical depth of homogeneous spans since the last vertex, for the MIS weight.
     pub tau: Rgb,
     /// Technique weights of the equi-angular connection at the collision at hand.
@@ -101,6 +104,8 @@ impl State {
             depth: 0,
             pdf_direction: 0.0,
             vertex: o,
+            from: None,
+            grand: None,
             tau: Rgb::ZERO,
             flight: Flight::default(),
             unit_reflectance: false,
@@ -189,7 +194,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
     }
 
     /// From `o` along `w` to a collision, a surface, or out of the scene.
-    fn fly(&mut self, s: &mut State) {
+    pub(super) fn fly(&mut self, s: &mut State) {
         let scene = self.scene;
         let Some(id) = s.medium else {
             let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
@@ -328,6 +333,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         s.depth = k;
+        (s.grand, s.from) = (s.from, s.flight.reach.map(|r| r.0));
         s.vertex = s.o;
         s.tau = Rgb::ZERO;
         let medium: &Medium = &self.scene.media[id as usize];
@@ -336,7 +342,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
         connect::from_medium(self, s, id);
         light_centred::connect(self, s, &light_centred::Vertex::Medium(id));
-        light_centred::beside(self, s, &light_centred::Vertex::Medium(id));
+        beside::score(self, s, &light_centred::Vertex::Medium(id));
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let (w, m) = medium.phase.sample(s.w, u, v);
         if R::ON {
@@ -384,6 +390,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         s.depth = k;
+        (s.grand, s.from) = (s.from, None);
         s.o = hit.p;
         s.vertex = hit.p;
         s.tau = Rgb::ZERO;
@@ -403,7 +410,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         connect::from_surface(self, s, surface, hit.ns, wi);
         let vertex = light_centred::Vertex::Surface(surface, hit.ns, wi);
         light_centred::connect(self, s, &vertex);
-        light_centred::beside(self, s, &vertex);
+        beside::score(self, s, &vertex);
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let w = surface.sample(hit.ns, wi, u, v);
         s.pdf_direction = surface.eval_unit(hit.ns, wi, w);
