@@ -83,7 +83,8 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let prefix = s.beta / s.r.mean();
     let side = w.rec.side_len();
     let mut rng = s.aside;
-    let (at_light, at_y) = (Sight::new(w, s, vertex, p, &mut rng), Sight::new(w, s, vertex, y, &mut rng));
+    // Exact transmittances: noise of their own would not cancel.
+    let (at_light, at_y) = (Sight::new(w, s, vertex, p, None), Sight::new(w, s, vertex, y, None));
     if let Some(a) = scene.arrival(light, y, 0.0, 0.0) {
         // F without its phase function at the far end.
         let rest = |sight: &Sight, y: DVec3| {
@@ -132,7 +133,7 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let density = q / radius / (4.0 * PI * r * r);
     let side = w.rec.side_len();
     let mut rng = s.aside;
-    let sight = Sight::new(w, s, vertex, x, &mut rng);
+    let sight = Sight::new(w, s, vertex, x, Some(&mut rng));
     w.rec.side_truncate(side);
     s.aside = rng;
     let Some(sight) = sight else { return };
