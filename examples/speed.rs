@@ -1,5 +1,6 @@
 use std::path::Path;
 use tyndall::render::driver::{Job, Mode};
+use tyndall::render::plan::Terms;
 use tyndall::scene::{Scene, SceneDesc, compile::LoadOptions};
 fn main() {
     let a: Vec<String> = std::env::args().collect();
@@ -21,6 +22,8 @@ fn main() {
             spp,
             seed: 1,
             mode,
+            terms: Terms::ALL,
+            split: false,
             max_time: None,
             target_error: None,
             stop: None,

@@ -15,4 +15,5 @@ pub mod sensor;
 pub mod shape;
 pub mod study;
 pub mod surface;
+pub mod term;
 pub mod transport;

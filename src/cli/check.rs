@@ -2,7 +2,7 @@
 
 use super::files;
 use super::format;
-use super::grad::{check_terms, tell_idle};
+use super::grad::tell_idle;
 use super::log::Log;
 use super::options::{LogOptions, SceneOptions, StudyOptions, duration, parameters};
 use super::run::{Setup, to_json};
@@ -14,6 +14,7 @@ use tyndall::error::{Error, Result};
 use tyndall::image::{RgbImage, output};
 use tyndall::render::family::{Family, View};
 use tyndall::render::health::Health;
+use tyndall::render::plan::Terms;
 use tyndall::render::png::{self, Content, Exposure, Panel, Sheet};
 use tyndall::scene::compile::LoadOptions;
 use tyndall::study::check::{self, CheckOptions, CheckReport, ParameterCheck, Verdict};
@@ -91,7 +92,7 @@ struct Report<'a> {
 
 impl CheckArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
-        check_terms(&self.study.terms)?;
+        Terms::parse(&self.study.terms)?;
         let wrt = parameters(&self.wrt)?;
         self.check_places()?;
         let setup = Setup::new(&self.scene, &self.study.render(self.spp), &wrt, log)?;

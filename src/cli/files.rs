@@ -75,8 +75,7 @@ pub fn check_place(path: &Path, overwrite: bool) -> Result<()> {
 
 /// Layers of a film as EXR channels; also how many values leave the range of single precision.
 ///
-/// `terms`: write every derivative once more under the name of its one term.
-pub fn image(o: &Outcome, crop: [usize; 4], full: [usize; 2], terms: bool) -> (ExrImage, usize) {
+pub fn image(o: &Outcome, crop: [usize; 4], full: [usize; 2]) -> (ExrImage, usize) {
     let film = &o.film;
     let mut channels = Vec::new();
     let mut beyond = 0;
@@ -97,10 +96,6 @@ pub fn image(o: &Outcome, crop: [usize; 4], full: [usize; 2], terms: bool) -> (E
             Some(param) => {
                 push(name, &mean);
                 push(&format!("var_{param}"), &variance);
-                if terms {
-                    push(&format!("{name}.interior"), &mean);
-                    push(&format!("var_{param}.interior"), &variance);
-                }
             }
         }
     }

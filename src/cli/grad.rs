@@ -16,8 +16,7 @@ use tyndall::image::{exr, output};
 use tyndall::math::Rgb;
 use tyndall::params::ParamSet;
 use tyndall::render::driver::Mode;
-use tyndall::render::plan::Term;
-use tyndall::scene::desc::suggest;
+use tyndall::render::plan::Terms;
 
 /// Derivatives with respect to `$parameters` of the scene
 ///
@@ -59,20 +58,20 @@ pub struct GradArgs {
 
 impl GradArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
-        check_terms(&self.terms)?;
+        let terms = Terms::parse(&self.terms)?;
         let wrt = parameters(&self.wrt)?;
         if self.loss.is_some() || self.adjoint.is_some() {
-            return self.reverse(&wrt, log);
+            return self.reverse(&wrt, terms, log);
         }
         let name = self.output.clone().unwrap_or_else(|| files::default_name(&self.scene.scene, ".grad.exr"));
         let outputs = Outputs::new(name, "exr", self.render.preview.clone(), self.render.overwrite)?;
         let setup = Setup::new(&self.scene, &self.render, &wrt, log)?;
         let params = setup.scene.param_set(&setup.desc, &wrt)?;
         tell_idle(&params, &wrt, log);
-        picture(&setup, Mode::Forward(&params), &wrt, self.split_terms, &self.render, &outputs, log)
+        picture(&setup, Mode::Forward(&params), &wrt, (terms, self.split_terms), &self.render, &outputs, log)
     }
 
-    fn reverse(&self, wrt: &[String], log: &Log) -> Result<u8> {
+    fn reverse(&self, wrt: &[String], terms: Terms, log: &Log) -> Result<u8> {
         let outputs = match &self.output {
             Some(path) => Some(Outputs::new(path.clone(), "json", None, self.render.overwrite)?),
             None => None,
@@ -92,6 +91,7 @@ impl GradArgs {
             return Ok(code);
         }
         let mut job = setup.job(Mode::Reverse(&params, &adjoint), &self.render);
+        job.terms = terms;
         if loss.is_some() {
             job.max_time = self.half_time();
         }
@@ -145,26 +145,6 @@ impl GradArgs {
         let target = target.display().to_string();
         Ok((adjoint, LossReport { kind, value, target, spp: done.outcome.spp, seed }))
     }
-}
-
-/// `all`, or terms that exist.
-pub fn check_terms(terms: &[String]) -> Result<()> {
-    let names = || std::iter::once("all").chain(Term::ALL.iter().map(|t| t.room()));
-    for t in terms {
-        match t.as_str() {
-            "all" | "interior" => {}
-            known if names().any(|n| n == known) => {
-                let what = format!("`--terms {known}`: this term is not available yet");
-                return Err(Error::usage(what, "available: interior (the same as all)"));
-            }
-            other => {
-                let mut valid: Vec<&str> = names().collect();
-                valid.dedup();
-                return Err(Error::usage(format!("`--terms {other}`: unknown term"), suggest(other, valid)));
-            }
-        }
-    }
-    Ok(())
 }
 
 /// Say when a derivative is zero because nothing depends on the parameter.

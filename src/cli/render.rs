@@ -9,7 +9,8 @@ use clap::Args;
 use std::path::PathBuf;
 use tyndall::error::Result;
 use tyndall::image::{exr, output};
-use tyndall::render::driver::Mode;
+use tyndall::render::driver::{Job, Mode};
+use tyndall::render::plan::Terms;
 
 /// Render a picture, with the variance of every pixel
 #[derive(Args)]
@@ -30,7 +31,7 @@ impl RenderArgs {
         let name = self.output.clone().unwrap_or_else(|| files::default_name(&self.scene.scene, ".exr"));
         let outputs = Outputs::new(name, "exr", self.render.preview.clone(), self.render.overwrite)?;
         let setup = Setup::new(&self.scene, &self.render, &[], log)?;
-        picture(&setup, Mode::Picture, &[], false, &self.render, &outputs, log)
+        picture(&setup, Mode::Picture, &[], (Terms::ALL, false), &self.render, &outputs, log)
     }
 }
 
@@ -39,7 +40,7 @@ pub fn picture(
     setup: &Setup,
     mode: Mode,
     wrt: &[String],
-    split_terms: bool,
+    (terms, split): (Terms, bool),
     options: &RenderOptions,
     outputs: &Outputs,
     log: &Log,
@@ -48,10 +49,10 @@ pub fn picture(
     if let Some(code) = setup.stop.exit_code() {
         return Ok(code);
     }
-    let job = setup.job(mode, options);
+    let job = Job { terms, split, ..setup.job(mode, options) };
     let done = run::run(&job, options, &setup.stop, log)?;
     let report = run::report(setup, &done, options, &outputs.all(), wrt);
-    let (mut image, beyond) = files::image(&done.outcome, setup.crop, setup.full_size(), split_terms);
+    let (mut image, beyond) = files::image(&done.outcome, setup.crop, setup.full_size());
     image.attributes = run::attributes(&report);
     if beyond > 0 {
         log.warn(format!("{beyond} values are too large or too small for the EXR's single precision"));

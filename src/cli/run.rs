@@ -12,7 +12,7 @@ use tyndall::error::{Error, Result, Span, Warning, WarningKind};
 use tyndall::image::exr::Attribute;
 use tyndall::native;
 use tyndall::render::driver::{Job, Mode, Outcome};
-use tyndall::render::plan::Plan;
+use tyndall::render::plan::{Plan, Terms};
 use tyndall::render::report::{self, Parameter, PlanLine, Report, TermReport};
 use tyndall::scene::compile::LoadOptions;
 use tyndall::scene::desc::suggest;
@@ -84,6 +84,8 @@ impl Setup {
             spp: self.spp,
             seed: self.seed,
             mode,
+            terms: Terms::ALL,
+            split: false,
             max_time: o.max_time,
             target_error: o.target_error,
             stop: Some(self.stop.flag()),
@@ -248,7 +250,7 @@ pub fn report(s: &Setup, done: &Done, o: &RenderOptions, outputs: &[&Path], wrt:
     r.outputs = outputs.iter().map(|p| p.display().to_string()).collect();
     let layers = layers(outcome);
     if !wrt.is_empty() {
-        r.terms.push(interior(&layers[1..], samples, done));
+        r.terms = terms(&layers[1..], wrt.len(), samples, done);
     }
     RunReport {
         report: r,
@@ -264,16 +266,31 @@ pub fn report(s: &Setup, done: &Done, o: &RenderOptions, outputs: &[&Path], wrt:
     }
 }
 
-/// The one term there is; its time includes that of the picture's paths, which it is read from.
-fn interior(derivatives: &[Layer], samples: u64, done: &Done) -> TermReport {
-    let n = derivatives.len().max(1) as f64;
-    TermReport {
-        name: "interior".into(),
-        samples,
-        cpu_seconds: done.cpu_seconds.unwrap_or(f64::NAN),
-        variance: derivatives.iter().map(|l| l.variance).sum::<Option<f64>>().map(|v| v / n),
-        mean_abs: derivatives.iter().map(|l| l.mean_abs).sum::<f64>() / n,
-    }
+/// What each term cost, and with layers of their own how large and how sure it is. The interior's time includes that of the
+/// picture's paths, which it is read from.
+fn terms(derivatives: &[Layer], parameters: usize, samples: u64, done: &Done) -> Vec<TermReport> {
+    let rooms = &done.outcome.room_seconds;
+    let elsewhere: f64 = rooms.iter().map(|r| r.1).sum();
+    let interior = ("interior", done.cpu_seconds.map_or(f64::NAN, |t| (t - elsewhere).max(0.0)));
+    let report = |(k, &(name, seconds)): (usize, &(&str, f64))| {
+        // The sums come first, then the terms in their order; a single term is the sum.
+        let own = match derivatives.len() / parameters.max(1) {
+            1 if rooms.is_empty() => &derivatives[..parameters],
+            1 => &[],
+            _ => &derivatives[(k + 1) * parameters..(k + 2) * parameters],
+        };
+        let n = own.len() as f64;
+        TermReport {
+            name: name.into(),
+            samples,
+            cpu_seconds: seconds,
+            variance: (!own.is_empty())
+                .then(|| own.iter().map(|l| l.variance).sum::<Option<f64>>().map(|v| v / n))
+                .flatten(),
+            mean_abs: (!own.is_empty()).then(|| own.iter().map(|l| l.mean_abs).sum::<f64>() / n),
+        }
+    };
+    std::iter::once(&interior).chain(rooms).enumerate().map(report).collect()
 }
 
 /// The picture diverges where a zero-measure light lies on a camera ray.

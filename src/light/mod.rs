@@ -4,7 +4,7 @@
 pub mod envmap;
 
 use crate::math::{DVec3, Real, Rgb, V3};
-use crate::params::Slot;
+use crate::params::{ParamSet, Slot};
 use envmap::Envmap;
 use std::f64::consts::PI;
 
@@ -47,6 +47,24 @@ pub struct Light {
     /// Radiance, intensity or irradiance; for an environment map its scale in every channel.
     pub value: Rgb,
     pub slot: Slot,
+    pub place: Place,
+}
+
+/// Slots of where a light of zero measure stands and looks; `NO_SLOT` where it has no such thing.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    pub position: Slot,
+    pub direction: Slot,
+    /// Beam width, then cutoff.
+    pub angles: Slot,
+}
+
+impl Place {
+    /// Whether any parameter moves the light.
+    pub fn moves(&self, params: &ParamSet) -> bool {
+        let active = |first: Slot, n| first != Slot::MAX && params.block_active(first, n);
+        active(self.position, 3) || active(self.direction, 3) || active(self.angles, 2)
+    }
 }
 
 /// Light that may arrive at a point from direction `w`.
@@ -66,11 +84,12 @@ pub struct Arrival {
 }
 
 /// Smooth spot falloff: 1 inside the beam angle, 0 outside the cutoff, linear in the angle between, as Mitsuba has it.
-pub fn spot_falloff<R: Real>(cos: R, beam: f64, cutoff: f64) -> R {
+/// With beam = cutoff the edge is hard.
+pub fn spot_falloff<R: Real>(cos: R, beam: R, cutoff: R) -> R {
     let c = cos.value();
-    if c >= beam.cos() {
+    if c >= beam.value().cos() {
         R::one()
-    } else if c <= cutoff.cos() {
+    } else if c <= cutoff.value().cos() {
         R::zero()
     } else {
         // acos through atan2 keeps its digits near the axis.
@@ -119,36 +138,21 @@ impl Light {
         }
     }
 
+    /// Arrival from a position, `d` from the point to it, at full intensity.
+    pub fn along(&self, d: DVec3) -> Arrival {
+        let r2 = d.length_squared();
+        let (distance, emission) = (r2.sqrt(), self.emission(Rgb::ONE));
+        Arrival { w: d / distance, distance, factor: 1.0 / r2, emission, pdf: 0.0, target: None }
+    }
+
     /// Light arriving at `p`; `None` where nothing can arrive or where sampling by direction is no worse (constant).
     pub fn sample(&self, p: DVec3, u: f64, v: f64) -> Option<Arrival> {
         match &self.kind {
-            LightKind::Point { position } => {
-                let d = *position - p;
-                let r2 = d.length_squared();
-                let r = r2.sqrt();
-                Some(Arrival {
-                    w: d / r,
-                    distance: r,
-                    factor: 1.0 / r2,
-                    emission: self.emission(Rgb::ONE),
-                    pdf: 0.0,
-                    target: None,
-                })
-            }
+            LightKind::Point { position } => Some(self.along(*position - p)),
             LightKind::Spot { position, axis, beam, cutoff } => {
-                let d = *position - p;
-                let r2 = d.length_squared();
-                let r = r2.sqrt();
-                let w = d / r;
-                let s = spot_falloff(-w.dot(*axis), *beam, *cutoff);
-                (s > 0.0).then(|| Arrival {
-                    w,
-                    distance: r,
-                    factor: 1.0 / r2,
-                    emission: self.emission(Rgb::splat(s)),
-                    pdf: 0.0,
-                    target: None,
-                })
+                let a = self.along(*position - p);
+                let s = spot_falloff(-a.w.dot(*axis), *beam, *cutoff);
+                (s > 0.0).then(|| Arrival { emission: self.emission(Rgb::splat(s)), ..a })
             }
             LightKind::Directional { direction } => Some(Arrival {
                 w: -*direction,

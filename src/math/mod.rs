@@ -1,6 +1,7 @@
 //! Numbers: dual numbers, random streams, warps, colours, statistics. Imports glam only.
 
 pub mod discrete;
+pub mod equiangular;
 pub mod real;
 pub mod rgb;
 pub mod rng;

@@ -18,6 +18,8 @@ pub enum Purpose {
     Pilot = 4,
     /// The adjoint image of a loss.
     Adjoint = 5,
+    /// Connections to lights that move.
+    Motion = 6,
     /// Boundary rooms; each adds its index.
     Room = 64,
 }

@@ -247,6 +247,8 @@ impl Drop for Bvh {
 struct Query<'a> {
     base: sys::QueryContext,
     ray: &'a Ray,
+    /// Primitives that the ray grazes; the others are then judged without slack.
+    past: &'a [(u32, u32)],
     /// The triangle the ray starts on: vertex and two edges.
     start: Option<Triangle>,
     /// World distance at which the f32 ray starts.
@@ -283,7 +285,12 @@ impl Bvh {
 
     /// The nearest hit with 0 < t < `t_max`. Equal distances: the lower geometry, then the lower primitive.
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        let mut q = self.query(ray)?;
+        self.intersect_past(ray, &[])
+    }
+
+    /// The same for a ray that grazes the primitives `past`, which it does not meet.
+    pub fn intersect_past(&self, ray: &Ray, past: &[(u32, u32)]) -> Option<Hit> {
+        let mut q = self.query(ray, past)?;
         let mut rh = q.ray_hit(self.frame);
         // SAFETY: the scene is committed; context and ray live through the call; `Query` starts with the context, and the
         // pointer is made from the whole of it, so callbacks may reach all of it. Nothing else touches `q` meanwhile.
@@ -296,7 +303,12 @@ impl Bvh {
 
     /// Is there any hit with 0 < t < `t_max`?
     pub fn occluded(&self, ray: &Ray) -> bool {
-        let Some(mut q) = self.query(ray) else { return false };
+        self.occluded_past(ray, &[])
+    }
+
+    /// The same for a ray that grazes the primitives `past`, which it does not meet.
+    pub fn occluded_past(&self, ray: &Ray, past: &[(u32, u32)]) -> bool {
+        let Some(mut q) = self.query(ray, past) else { return false };
         let mut rh = q.ray_hit(self.frame);
         // SAFETY: as in `intersect`.
         unsafe { sys::occluded1(self.scene, (&raw mut q).cast(), &mut rh.ray) };
@@ -308,7 +320,7 @@ impl Bvh {
 
     /// Clip the exact ray to the scene's box; `None` if it misses.
     #[inline]
-    fn query<'a>(&self, ray: &'a Ray) -> Option<Query<'a>> {
+    fn query<'a>(&self, ray: &'a Ray, past: &'a [(u32, u32)]) -> Option<Query<'a>> {
         debug_assert!(ray.o.is_finite() && ray.d.is_finite() && !ray.t_max.is_nan(), "invalid ray {ray:?}");
         debug_assert!((ray.d.length_squared() - 1.0).abs() < 1e-6, "direction not of unit length: {ray:?}");
         if self.empty {
@@ -337,7 +349,7 @@ impl Bvh {
             Geometry::User(_) => None,
         });
         let base = sys::query_context();
-        Some(Query { base, ray, start, t_start, scale: self.frame.scale, tfar, best: None, panic: None })
+        Some(Query { base, ray, past, start, t_start, scale: self.frame.scale, tfar, best: None, panic: None })
     }
 
     fn attach(&self, g: &Geometry) -> Result<()> {
@@ -510,7 +522,7 @@ impl Query<'_> {
     /// The exact hit of a triangle that Embree proposes, if it is admissible.
     #[inline]
     fn judge(&self, mesh: &Mesh, prim: u32) -> Option<Hit> {
-        if self.ray.exclude == Some((mesh.id, prim)) {
+        if self.ray.exclude == Some((mesh.id, prim)) || self.past.contains(&(mesh.id, prim)) {
             return None;
         }
         let triangle = mesh.triangle(prim)?;
@@ -518,6 +530,10 @@ impl Query<'_> {
             return None;
         }
         let (t, uv) = triangle.solve(self.ray.o, self.ray.d)?;
+        // Beside a silhouette the slack that closes cracks would block what is clear.
+        if !self.past.is_empty() && (uv[0].min(uv[1]) <= 0.0 || uv[0] + uv[1] >= 1.0) {
+            return None;
+        }
         (t > 0.0 && t < self.ray.t_max).then_some(Hit { geom: mesh.id, prim, t, uv })
     }
 
@@ -537,7 +553,7 @@ impl Query<'_> {
 
     /// Ask an analytic primitive. A panic in it is kept for the caller, beyond Embree's frames.
     fn ask(&mut self, user: &User, prim: u32) -> Option<Hit> {
-        if self.panic.is_some() {
+        if self.panic.is_some() || self.past.contains(&(user.id, prim)) {
             return None;
         }
         let t_max = self.best.map_or(self.ray.t_max, |b| b.t);

@@ -24,6 +24,12 @@ pub enum Quantity {
     Glow,
     /// Factor on an environment map.
     EnvironmentScale,
+    /// Position of a point or spot light, world space.
+    Position,
+    /// Axis of a spot, direction of travel of a directional light; unit, world space.
+    Direction,
+    /// Beam width and cutoff of a spot, radians.
+    Angles,
 }
 
 impl Quantity {
@@ -36,7 +42,15 @@ impl Quantity {
             Quantity::Reflectance => "reflectance",
             Quantity::Emission | Quantity::Glow => "emission",
             Quantity::EnvironmentScale => "scale",
+            Quantity::Position => "position",
+            Quantity::Direction => "direction",
+            Quantity::Angles => "angles",
         }
+    }
+
+    /// Whether it is a value at fixed points; otherwise something moves.
+    pub fn is_value(self) -> bool {
+        !matches!(self, Quantity::Position | Quantity::Direction | Quantity::Angles)
     }
 }
 

@@ -43,6 +43,17 @@ impl Phase {
         }
     }
 
+    /// `(f, df/d(1-mu))` [T] (56).
+    pub fn eval_with_slope(&self, one_minus_mu: f64) -> (f64, f64) {
+        match *self {
+            Phase::Isotropic => (0.25 / PI, 0.0),
+            Phase::Hg { g } => {
+                let (f, [d]) = gradient([one_minus_mu], |[m]| hg::eval(g.into(), m));
+                (f, d)
+            }
+        }
+    }
+
     /// New propagation direction for the old one `w`; drawn with density `eval`. Second value: `1 - mu`.
     pub fn sample(&self, w: DVec3, u: f64, v: f64) -> (DVec3, f64) {
         match *self {

@@ -4,6 +4,8 @@
 use super::film::{Film, FilmSpec, batch_ranges};
 use super::filter;
 use super::health::{Health, Mishap};
+use super::plan::Terms;
+use super::rooms::{self, Rooms};
 use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
@@ -19,6 +21,8 @@ use std::time::{Duration, Instant};
 const TILE: usize = 64;
 /// Paths of the pilot that sets the film's quanta.
 const PILOT: u64 = 512;
+/// Marks the pilot's keys in streams that it shares with the run.
+const PILOT_KEY: u64 = 1 << 63;
 
 /// What is computed besides the picture.
 pub enum Mode<'a> {
@@ -46,6 +50,10 @@ pub struct Job<'a> {
     pub spp: u64,
     pub seed: u64,
     pub mode: Mode<'a>,
+    /// Which terms of a derivative are computed.
+    pub terms: Terms,
+    /// A layer for each term of each derivative too.
+    pub split: bool,
     /// Stop when this time is over, but not before one batch is done.
     pub max_time: Option<Duration>,
     /// Stop after the batch in which the relative error of the picture's mean pixel falls below this.
@@ -74,6 +82,8 @@ pub struct Outcome {
     pub target_reached: Option<bool>,
     pub complete: bool,
     pub light_on_ray: Option<[usize; 2]>,
+    /// Seconds over all threads of each boundary room that ran.
+    pub room_seconds: Vec<(&'static str, f64)>,
 }
 
 impl Job<'_> {
@@ -93,6 +103,14 @@ impl Job<'_> {
         v
     }
 
+    /// Layers of the derivative by itself for one term, where they are split: they follow the sums.
+    fn term_layers(&self, term: &str) -> Vec<String> {
+        match &self.mode {
+            Mode::Forward(p) if self.split => p.names.iter().map(|n| format!("d_{n}.{term}")).collect(),
+            _ => Vec::new(),
+        }
+    }
+
     /// The state a sample of a pixel starts from. The key holds the pixel of the whole film, so a crop has the same bits.
     fn state(&self, purpose: Purpose, x: usize, y: usize, sample: u64) -> State {
         let sensor = &self.scene.sensors[self.sensor];
@@ -110,7 +128,7 @@ impl Job<'_> {
 
     /// Quanta of the layers from the brightest of a keyed pilot (`wide`: of the scene's emission): independent of threads,
     /// crops and modes. One value may be 2.7e8 times that; the resolution is 1.4e-17 of it.
-    fn quanta(&self, sweep: Option<&Sweep>, wide: bool) -> Vec<i32> {
+    fn quanta(&self, sweep: Option<&Sweep>, rooms: Option<&Rooms>, wide: bool) -> Vec<i32> {
         let k = self.layers().len();
         let mut sums = vec![0.0f64; k];
         // Over the whole film, so that a crop has the same quanta and the same bits.
@@ -136,6 +154,26 @@ impl Job<'_> {
                 _ => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
             };
             sums[0] = sums[0].max(finite(value.abs().max()));
+            if let (Some(rooms), Mode::Forward(p)) = (rooms, &self.mode) {
+                let mut sink = Forward::new(p);
+                let mut image = vec![Rgb::ZERO; p.len()];
+                for room in 0..rooms.list.len() {
+                    let mut most = |c: rooms::Contribution| {
+                        c.emit(&mut sink);
+                        sink.take(&mut image);
+                        for (s, d) in sums[1..].iter_mut().zip(&image) {
+                            *s = f64::max(*s, finite(d.abs().max()));
+                        }
+                    };
+                    rooms.along(room, [x, y], PILOT_KEY | i, 0, &mut tally, &mut most);
+                    rooms.outward(room, PILOT_KEY | i, &mut tally, &mut most);
+                }
+            }
+        }
+        // Each term may need the whole range.
+        let terms = if self.split { 1 + rooms.map_or(0, |r| r.list.len()) } else { 0 };
+        for _ in 0..terms {
+            sums.extend_from_within(1..k);
         }
         // What the pilot did not meet is taken to be of the size of the brightest emission.
         let brightest = self.scene.brightest();
@@ -153,17 +191,23 @@ impl Job<'_> {
 
     fn run_with(&self, progress: &(dyn Fn(Progress) + Sync), wide: bool) -> Result<Outcome> {
         let start = Instant::now();
-        let sweep = self.mode.params().filter(|p| !p.is_empty()).map(|params| Sweep {
+        let params = self.mode.params().filter(|p| !p.is_empty());
+        let rooms = params.map(|p| Rooms::new(self.scene, self.sensor, self.seed, p, |n| self.terms.wants(n)));
+        let rooms = rooms.as_ref().filter(|r| !r.is_empty());
+        let sweep = params.filter(|_| self.terms.wants("interior")).map(|params| Sweep {
             scene: self.scene,
             set: &self.scene.settings,
             params,
             facts: Arc::new(SweepFacts::new(self.scene, params)),
         });
+        let mut layers = self.layers();
+        layers.extend(self.term_layers("interior"));
+        rooms.iter().flat_map(|r| &r.list).for_each(|r| layers.extend(self.term_layers(r.name())));
         let spec = FilmSpec {
             width: self.width(),
             height: self.height(),
-            layers: self.layers(),
-            quantum: self.quanta(sweep.as_ref(), wide),
+            layers,
+            quantum: self.quanta(sweep.as_ref(), rooms, wide),
         };
         let mut film = Film::new(spec);
         let pixels = self.width() * self.height();
@@ -187,7 +231,7 @@ impl Job<'_> {
                         return None;
                     }
                     let range = tile * TILE..((tile + 1) * TILE).min(pixels);
-                    let g = self.tile(range, first..first + n, sweep.as_ref(), &film, &light_on_ray);
+                    let g = self.tile(range, first..first + n, sweep.as_ref(), rooms, &film, &light_on_ray);
                     let k = done.fetch_add(1, Ordering::Relaxed) + 1;
                     progress(Progress {
                         done: (index as f64 + k as f64 / tiles as f64) / batches.len() as f64,
@@ -198,6 +242,7 @@ impl Job<'_> {
                     g
                 })
                 .collect();
+            let outward = rooms.map_or(Vec::new(), |r| self.outward(r, first..first + n, &film, &dropped));
             if dropped.into_inner() {
                 film.discard_batch();
                 break;
@@ -206,7 +251,7 @@ impl Job<'_> {
             taken += n;
             // Tiles are summed in their order: the same bits for any number of threads.
             let mut gradient = vec![0.0; slots];
-            for g in per_tile.into_iter().flatten() {
+            for g in per_tile.into_iter().flatten().chain(outward) {
                 gradient.iter_mut().zip(&g).for_each(|(a, b)| *a += b);
             }
             gradients.push((gradient, n));
@@ -233,7 +278,76 @@ impl Job<'_> {
             spp: taken,
             target_reached,
             light_on_ray,
+            room_seconds: rooms
+                .iter()
+                .flat_map(|r| r.list.iter().enumerate().map(|(i, room)| (room.name(), r.seconds(i))))
+                .collect(),
         })
+    }
+
+    /// Where a pixel of the film lies in the crop.
+    fn in_crop(&self, [x, y]: [usize; 2]) -> Option<usize> {
+        let [x0, y0, x1, y1] = self.crop;
+        (x >= x0 && x < x1 && y >= y0 && y < y1).then(|| (y - y0) * self.width() + x - x0)
+    }
+
+    /// Add one contribution of a room.
+    fn contribute(&self, room: usize, c: &rooms::Contribution, film: &Film, reverse: &mut Option<Reverse>) {
+        let Some(pixel) = self.in_crop(c.pixel) else { return };
+        if !c.weight.is_finite() {
+            film.reject_sample(pixel);
+            return;
+        }
+        match (&self.mode, reverse) {
+            (Mode::Forward(p), _) => {
+                let k = p.len();
+                let mut sink = Forward::new(p);
+                c.emit(&mut sink);
+                for (j, d) in sink.image.iter().enumerate().filter(|(_, d)| !d.is_zero()) {
+                    film.add(pixel, j + 1, *d);
+                    if self.split {
+                        film.add(pixel, 1 + (2 + room) * k + j, *d);
+                    }
+                }
+            }
+            (Mode::Reverse(_, adjoint), Some(r)) => {
+                r.adjoint = adjoint[pixel];
+                c.emit(r);
+            }
+            _ => {}
+        }
+    }
+
+    /// The outward pass of one batch: gradients in reverse mode, a block each.
+    fn outward(
+        &self,
+        rooms: &Rooms,
+        samples: std::ops::Range<u64>,
+        film: &Film,
+        dropped: &AtomicBool,
+    ) -> Vec<Vec<f64>> {
+        let all = samples.start * rooms.outward..samples.end * rooms.outward;
+        let blocks = (all.end - all.start).div_ceil(rooms::BLOCK);
+        let block = |b: u64| -> Option<Vec<f64>> {
+            if self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
+                dropped.store(true, Ordering::Relaxed);
+                return None;
+            }
+            let slots = self.scene.slots.values.len();
+            let mut reverse = matches!(self.mode, Mode::Reverse(..)).then(|| Reverse::new(slots));
+            let mut tally = Tally::default();
+            let first = all.start + b * rooms::BLOCK;
+            for room in 0..rooms.list.len() {
+                let start = Instant::now();
+                for i in first..(first + rooms::BLOCK).min(all.end) {
+                    rooms.outward(room, i, &mut tally, &mut |c| self.contribute(room, &c, film, &mut reverse));
+                }
+                rooms.add_time(room, start);
+            }
+            count(&film.health, &tally);
+            reverse.map(|r| r.gradient)
+        };
+        (0..blocks).into_par_iter().map(block).collect::<Vec<_>>().into_iter().flatten().collect()
     }
 
     /// The samples of one batch in some pixels.
@@ -242,13 +356,14 @@ impl Job<'_> {
         pixels: std::ops::Range<usize>,
         samples: std::ops::Range<u64>,
         sweep: Option<&Sweep>,
+        rooms: Option<&Rooms>,
         film: &Film,
         light_on_ray: &std::sync::Mutex<Option<[usize; 2]>>,
     ) -> Option<Vec<f64>> {
         let slots = self.scene.slots.values.len();
         let mut reverse = matches!(self.mode, Mode::Reverse(..)).then(|| Reverse::new(slots));
         let mut rec = sweep.map(|_| PathRecord::new());
-        let k = film.spec().layers.len() - 1;
+        let k = if let Mode::Forward(p) = &self.mode { p.len() } else { 0 };
         let mut images = vec![Rgb::ZERO; k];
         let mut tally = Tally::default();
         for pixel in pixels {
@@ -295,6 +410,17 @@ impl Job<'_> {
             film.add(pixel, 0, sum);
             for (j, d) in derivative.iter().enumerate() {
                 film.add(pixel, j + 1, *d);
+                if self.split {
+                    film.add(pixel, 1 + k + j, *d);
+                }
+            }
+            for room in 0..rooms.map_or(0, |r| r.list.len()) {
+                for (s, rooms) in samples.clone().flat_map(|s| rooms.map(|r| (s, r))) {
+                    let key = self.pixel_key(x, y);
+                    rooms.along(room, [x, y], key, s, &mut tally, &mut |c| {
+                        self.contribute(room, &c, film, &mut reverse);
+                    });
+                }
             }
         }
         count(&film.health, &tally);

@@ -4,6 +4,7 @@
 //! command line share one definition of what a parameter means.
 
 use super::driver::{Job, Mode, Outcome};
+use super::plan::Terms;
 use crate::error::{Error, Result};
 use crate::params::ParamSet;
 use crate::scene::compile::LoadOptions;
@@ -94,6 +95,8 @@ impl<'a> View<'a> {
             spp,
             seed,
             mode,
+            terms: Terms::ALL,
+            split: false,
             max_time: None,
             target_error: None,
             stop: self.stop,
@@ -109,7 +112,8 @@ impl<'a> View<'a> {
     ///
     /// The only place where studies and fits make a derivative job: `self.terms` goes into the job here.
     pub fn derivative(&self, scene: &Scene, params: &ParamSet, spp: u64, seed: u64) -> Result<Outcome> {
-        finished(self.job(scene, Mode::Forward(params), spp, seed).run(&|_| {})?)
+        let terms = Terms::parse(self.terms)?;
+        finished(Job { terms, ..self.job(scene, Mode::Forward(params), spp, seed) }.run(&|_| {})?)
     }
 }
 

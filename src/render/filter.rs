@@ -14,15 +14,50 @@ pub fn sample(filter: Filter, rng: &mut Rng) -> f64 {
     }
 }
 
+/// The filter itself at offset `x`, in 1/pixels; its integral is 1.
+pub fn density(filter: Filter, x: f64) -> f64 {
+    let x = x.abs();
+    match filter {
+        Filter::Box { radius } => {
+            if x <= radius {
+                0.5 / radius
+            } else {
+                0.0
+            }
+        }
+        Filter::Tent { radius } => (1.0 - x / radius).max(0.0) / radius,
+        Filter::Gaussian { stddev } => {
+            let x = x / stddev;
+            if x >= RADIUS {
+                0.0
+            } else {
+                -(-0.5 * x * x).exp() * (0.5 * (x * x - RADIUS * RADIUS)).exp_m1() / (stddev * GAUSSIAN_AREA)
+            }
+        }
+    }
+}
+
+/// Beyond this offset in pixels the filter is 0.
+pub fn radius(filter: Filter) -> f64 {
+    match filter {
+        Filter::Box { radius } | Filter::Tent { radius } => radius,
+        Filter::Gaussian { stddev } => RADIUS * stddev,
+    }
+}
+
+/// Cut of the Gaussian, in standard deviations.
+const RADIUS: f64 = 4.0;
+/// `√(2π) erf(4/√2) - 8 e^-8`: the integral of the cut and lowered Gaussian of unit deviation.
+const GAUSSIAN_AREA: f64 = 2.503_785_797_547_237;
+
 /// `exp(-x^2/2s^2) - exp(-r^2/2s^2)` on |x| < r = 4s, as Mitsuba has it: a Gaussian with a slightly rejected tail.
 fn gaussian(stddev: f64, rng: &mut Rng) -> f64 {
-    let radius: f64 = 4.0;
     loop {
         // Box–Muller; u is never 0.
         let r = (2.0 * rng.exponential()).sqrt();
         let x = r * (2.0 * std::f64::consts::PI * rng.uniform()).cos();
-        let keep = -(0.5 * (x * x - radius * radius)).exp_m1();
-        if x.abs() < radius && rng.uniform() < keep {
+        let keep = -(0.5 * (x * x - RADIUS * RADIUS)).exp_m1();
+        if x.abs() < RADIUS && rng.uniform() < keep {
             return x * stddev;
         }
     }
@@ -31,6 +66,16 @@ fn gaussian(stddev: f64, rng: &mut Rng) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn densities_integrate_to_one() {
+        for f in [Filter::Box { radius: 0.5 }, Filter::Tent { radius: 1.3 }, Filter::Gaussian { stddev: 0.7 }] {
+            let (n, r) = (200_000, radius(f));
+            let h = 2.0 * r / n as f64;
+            let sum: f64 = (0..n).map(|i| density(f, -r + (i as f64 + 0.5) * h) * h).sum();
+            assert!((sum - 1.0).abs() < 1e-8, "{f:?} {sum}");
+        }
+    }
 
     #[test]
     fn moments_match_the_filters() {

@@ -11,3 +11,4 @@ pub mod plan;
 pub mod plot;
 pub mod png;
 pub mod report;
+pub mod rooms;

@@ -5,6 +5,7 @@
 use crate::error::{Error, Result};
 use crate::math::Dual;
 use crate::scene::SceneDesc;
+use crate::scene::desc::suggest;
 use crate::scene::parts::{LightKindPart, Movable, Parts, SurfacePart, VolumePart};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -95,9 +96,16 @@ impl Term {
         }
     }
 
-    /// Whether this program computes it.
-    pub fn exists(self) -> bool {
-        self == Term::P
+    /// Whether this program computes it for such a motion.
+    pub fn exists(self, m: &Motion) -> bool {
+        match self {
+            Term::P => !(m.environment || m.volume),
+            // Of what moves, lights of zero measure so far.
+            Term::M | Term::G | Term::R | Term::H => {
+                !(m.opaque || m.camera || m.area_light || m.ior || m.interface || m.border || m.volume)
+            }
+            _ => false,
+        }
     }
 }
 
@@ -180,8 +188,6 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     let shadow = m.zero_measure_light && f.occluders;
     add(shadow && f.medium, &[G], "a light moves, occluders cast shadows in a medium");
     add(shadow && f.reflecting, &[R], "a light moves, occluders cast shadows on surfaces");
-    let warp = shadow && m.local_light && f.medium;
-    add(warp, &[E2], "a light with a position moves: vertices beside it move past static silhouettes");
 
     let both = f.zero_measure_light && m.opaque;
     add(m.opaque, &[M, E1], "something opaque moves");
@@ -226,6 +232,42 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     need
 }
 
+/// A selection of terms by the names of rooms, `interior` among them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Terms(Option<Vec<String>>);
+
+impl Terms {
+    /// All that are needed.
+    pub const ALL: Terms = Terms(None);
+
+    /// `all`, or names of terms.
+    pub fn parse(names: &[String]) -> Result<Terms> {
+        let mut chosen = Vec::new();
+        for n in names {
+            let valid = || {
+                let mut v: Vec<&str> = std::iter::once("all").chain(Term::ALL.iter().map(|t| t.room())).collect();
+                v.dedup();
+                v
+            };
+            match n.as_str() {
+                "all" => return Ok(Terms::ALL),
+                n if n == "interior" || crate::term::ROOMS.contains(&n) => chosen.push(n.to_string()),
+                n if valid().contains(&n) => {
+                    let what = format!("`--terms {n}`: this term is not available yet");
+                    let list = crate::term::ROOMS.join(", ");
+                    return Err(Error::usage(what, format!("available: all, interior, {list}")));
+                }
+                n => return Err(Error::usage(format!("`--terms {n}`: unknown term"), suggest(n, valid()))),
+            }
+        }
+        Ok(Terms(Some(chosen)))
+    }
+
+    pub fn wants(&self, term: &str) -> bool {
+        self.0.as_ref().is_none_or(|v| v.iter().any(|n| n == term))
+    }
+}
+
 /// One line of a plan.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PlanLine {
@@ -258,7 +300,7 @@ impl Plan {
             let dual = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
             let motion = motion(&parts, &dual);
             for (term, why) in needed(&facts, &motion) {
-                if !term.exists() || (term == Term::P && !values_exist(&motion)) {
+                if !term.exists(&motion) {
                     missing.push((name.clone(), term, why));
                 }
                 all.entry(term).or_insert_with(|| format!("{why} ({name})"));
@@ -294,11 +336,6 @@ impl Plan {
     }
 }
 
-/// P covers what changes values at fixed points; these ways of doing so do not exist yet.
-fn values_exist(m: &Motion) -> bool {
-    !(m.environment || m.volume || m.profile)
-}
-
 /// Facts of a scene from its parts.
 pub fn facts(p: &Parts<f64>) -> Facts {
     let opaque = |s: usize| !matches!(p.surfaces[s], SurfacePart::Null);
@@ -317,7 +354,10 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         occluders: solid.iter().any(|s| s.light.is_none()) || solid.len() > 1,
         zero_measure_light: p.lights.iter().any(|l| local(&l.kind) || distant(&l.kind)),
         local_light: p.lights.iter().any(|l| local(&l.kind)),
-        hard_profile: false,
+        hard_profile: p.lights.iter().any(|l| match l.kind {
+            LightKindPart::Spot { beam, cutoff, .. } => beam >= cutoff,
+            _ => false,
+        }),
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         dielectric: false,
@@ -329,8 +369,9 @@ pub fn facts(p: &Parts<f64>) -> Facts {
 
 /// What moves: which tangents of the parts are not zero.
 pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
-    let mut m =
-        Motion { values: d.slots().iter().any(|s| s.values.iter().any(|x| x.d[0] != 0.0)), ..Motion::default() };
+    let slots = d.slots();
+    let mut values = slots.iter().filter(|s| s.quantity.is_value()).flat_map(|s| &s.values);
+    let mut m = Motion { values: values.any(|x| x.d[0] != 0.0), ..Motion::default() };
     for (what, x) in d.movable() {
         if x.iter().all(|x| x.d[0] == 0.0) {
             continue;
@@ -353,7 +394,11 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
                 m.zero_measure_light = true;
                 m.local_light = true;
             }
-            Movable::LightDirection(_) => m.zero_measure_light = true,
+            // The axis of a spot turns its profile; shadows stay where they are.
+            Movable::LightDirection(i) => match p.lights[i].kind {
+                LightKindPart::Spot { .. } => m.profile = true,
+                _ => m.zero_measure_light = true,
+            },
             Movable::LightProfile(_) => m.profile = true,
             Movable::Environment(_) => m.environment = true,
             Movable::Volume(i) => {

@@ -58,8 +58,8 @@ pub struct TermReport {
     pub cpu_seconds: f64,
     /// Mean over pixels and channels of the variance of the mean; null below two batches.
     pub variance: Option<f64>,
-    /// Mean over pixels and channels of |d|.
-    pub mean_abs: f64,
+    /// Mean over pixels and channels of |d|. Variance and this one: null where terms have no layers of their own (`--split-terms`).
+    pub mean_abs: Option<f64>,
 }
 
 /// A line of the plan: a term run or left out, and why.
@@ -133,7 +133,7 @@ mod tests {
         let h = Health::new();
         h.count(Mishap::RejectedNonfinite);
         r.set_health(&h, 1000, 1e-6);
-        r.terms.push(TermReport { name: "interior".into(), samples: 4, mean_abs: 0.5, ..Default::default() });
+        r.terms.push(TermReport { name: "interior".into(), samples: 4, mean_abs: Some(0.5), ..Default::default() });
         r.plan.push(PlanLine { term: "pixel_edge".into(), used: false, reason: "no edge moves".into() });
         let warning = Warning {
             kind: WarningKind::LightOnRay,

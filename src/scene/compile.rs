@@ -6,7 +6,7 @@ use super::parts::{LightKindPart, MediumPart, Parts, ShapeKind, ShapePart, Surfa
 use super::{Film, Instance, Scene, Settings};
 use crate::error::{Error, Result, Warning, WarningKind};
 use crate::light::envmap::Envmap;
-use crate::light::{Light, LightKind};
+use crate::light::{Light, LightKind, Place};
 use crate::math::discrete::Discrete;
 use crate::math::{DMat3, DVec3, Rgb};
 use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
@@ -275,7 +275,12 @@ fn light(l: &super::parts::LightPart<f64>, owner: Owner, slots: &SlotTable) -> R
             LightKind::Envmap(Box::new(Envmap::new(image.width, image.height, image.pixels, turn)))
         }
     };
-    Ok(Light { name: l.name.clone(), kind, value: Rgb(l.value), slot: slot_of(slots, owner, quantity) })
+    let place = Place {
+        position: slot_of(slots, owner, Quantity::Position),
+        direction: slot_of(slots, owner, Quantity::Direction),
+        angles: slot_of(slots, owner, Quantity::Angles),
+    };
+    Ok(Light { name: l.name.clone(), kind, value: Rgb(l.value), slot: slot_of(slots, owner, quantity), place })
 }
 
 fn sensor(s: &super::parts::SensorPart<f64>) -> Sensor {

@@ -142,8 +142,16 @@ impl Group {
         Ok(group)
     }
 
-    /// Nearest acceptable hit with `t` in `(-tolerance, t_max)`.
-    fn nearest(&self, scene: &Scene, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Medium) -> Option<Hit> {
+    /// Nearest acceptable hit with `t` in `(-tolerance, t_max)`: `t`, shape, face.
+    fn nearest(
+        &self,
+        scene: &Scene,
+        o: DVec3,
+        w: DVec3,
+        t_max: f64,
+        on: &On,
+        medium: Medium,
+    ) -> Option<(f64, u32, u32)> {
         let tolerance = scene.tolerance(o);
         let mut best: Option<(f64, u32, u32)> = None;
         for &id in &self.simple {
@@ -151,20 +159,20 @@ impl Group {
             let limit = best.map_or(t_max, |b| b.0);
             let mut start = on.face(id).map(|face| Start { face });
             for _ in 0..2 {
-                let Some(h) = shape.shape.intersect(o, w, -tolerance, limit, start) else { break };
+                let Some((t, face)) = shape.shape.cross(o, w, -tolerance, limit, start) else { break };
                 let consistent = match medium {
                     Medium::Any => true,
-                    Medium::Inside(m) if h.t <= tolerance => {
-                        let n = shape.shape.normal(h.face, o + w * h.t);
+                    Medium::Inside(m) if t <= tolerance => {
+                        let n = shape.shape.normal(face, o + w * t);
                         !shape.boundary || if w.dot(n) < 0.0 { shape.exterior == m } else { shape.interior == m }
                     }
                     Medium::Inside(_) => true,
                 };
                 if consistent {
-                    best = Some((h.t, id, h.face));
+                    best = Some((t, id, face));
                     break;
                 }
-                start = Some(Start { face: h.face });
+                start = Some(Start { face });
             }
         }
         if let Some(bvh) = &self.bvh {
@@ -172,14 +180,34 @@ impl Group {
             // Begin a few ulps behind the origin: a surface that coincides with the one just passed must not be missed.
             let ray = Ray { o: o - w * tolerance, d: w, t_max: limit + tolerance, exclude: self.exclude(on) };
             if let Some(h) = bvh.intersect(&ray) {
-                let (shape, face) = match &self.entries[h.geom as usize] {
-                    Entry::Mesh(shape) => (*shape, h.prim),
-                    Entry::Faces(list) => list[h.prim as usize],
-                };
+                let (shape, face) = self.face_of(h.geom, h.prim);
                 best = Some((h.t - tolerance, shape, face));
             }
         }
-        best.map(|(t, shape, face)| scene.hit(t, o + w * t, shape, face))
+        best
+    }
+
+    fn face_of(&self, geom: u32, prim: u32) -> (u32, u32) {
+        match &self.entries[geom as usize] {
+            Entry::Mesh(shape) => (*shape, prim),
+            Entry::Faces(list) => list[prim as usize],
+        }
+    }
+
+    /// Embree's names of some faces of a mesh, or of all faces of any other shape; never empty, but for no shape.
+    fn grazed(&self, shape: u32, faces: &[u32]) -> Vec<(u32, u32)> {
+        if shape == u32::MAX {
+            return Vec::new();
+        }
+        let geom = self.geometry_of.get(shape as usize).copied().unwrap_or(u32::MAX);
+        let names: Vec<(u32, u32)> = match self.entries.get(geom as usize) {
+            Some(Entry::Mesh(_)) => faces.iter().map(|&f| (geom, f)).collect(),
+            Some(Entry::Faces(list)) => {
+                (0..list.len() as u32).filter(|&k| list[k as usize].0 == shape).map(|k| (geom, k)).collect()
+            }
+            None => Vec::new(),
+        };
+        if names.is_empty() { vec![(u32::MAX, u32::MAX)] } else { names }
     }
 
     fn exclude(&self, on: &On) -> Option<(u32, u32)> {
@@ -228,14 +256,62 @@ impl Scene {
     /// Nearest surface of any kind. `medium` is the medium the ray travels in.
     pub fn intersect(&self, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Option<u32>) -> Option<Hit> {
         let null = self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium));
-        let limit = null.as_ref().map_or(t_max, |h| h.t);
+        let limit = null.map_or(t_max, |(t, ..)| t.max(0.0));
         // At equal distance the surface is met inside the medium; either order keeps the bookkeeping consistent.
-        self.opaque.nearest(self, o, w, limit, on, Medium::Any).or(null)
+        let (t, shape, face) = self.opaque.nearest(self, o, w, limit, on, Medium::Any).or(null)?;
+        Some(self.hit(t, o + w * t, shape, face))
     }
 
     /// Nearest null interface.
     pub fn boundary(&self, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Option<u32>) -> Option<Hit> {
-        self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium))
+        let (t, shape, face) = self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium))?;
+        Some(self.hit(t, o + w * t, shape, face))
+    }
+
+    /// Distance to the nearest opaque surface along a ray that grazes an outline of `shape`: of a mesh the named faces, of any
+    /// other shape all of it is left out.
+    pub fn opaque_past(&self, o: DVec3, w: DVec3, t_max: f64, shape: u32, faces: &[u32]) -> Option<Hit> {
+        let mut best: Option<(f64, u32, u32)> = None;
+        for &id in self.opaque.simple.iter().filter(|&&id| id != shape) {
+            let limit = best.map_or(t_max, |b| b.0);
+            if let Some(h) = self.shapes[id as usize].shape.intersect(o, w, 0.0, limit, None) {
+                best = Some((h.t, id, h.face));
+            }
+        }
+        if let Some(bvh) = &self.opaque.bvh {
+            let ray = Ray { o, d: w, t_max: best.map_or(t_max, |b| b.0), exclude: None };
+            if let Some(h) = bvh.intersect_past(&ray, &self.opaque.grazed(shape, faces)) {
+                let (shape, face) = self.opaque.face_of(h.geom, h.prim);
+                best = Some((h.t, shape, face));
+            }
+        }
+        best.map(|(t, shape, face)| self.hit(t, o + w * t, shape, face))
+    }
+
+    /// Whether anything opaque stands on the first `t_max` of a ray that grazes an outline, see [`Scene::opaque_past`].
+    pub fn blocked_past(&self, o: DVec3, w: DVec3, t_max: f64, shape: u32, faces: &[u32]) -> bool {
+        let simple = |id: u32| self.shapes[id as usize].shape.intersect(o, w, 0.0, t_max, None).is_some();
+        self.opaque.simple.iter().any(|&id| id != shape && simple(id))
+            || self.opaque.bvh.as_ref().is_some_and(|bvh| {
+                let ray = Ray { o, d: w, t_max, exclude: None };
+                bvh.occluded_past(&ray, &self.opaque.grazed(shape, faces))
+            })
+    }
+
+    /// The medium at `o`, told by the first interface along `w`; `otherwise` where there is none.
+    pub fn medium_toward(&self, o: DVec3, w: DVec3, on: &On, otherwise: Option<u32>) -> Option<u32> {
+        let (mut o, mut on) = (o, *on);
+        for _ in 0..self.max_interfaces {
+            let Some((t, shape, face)) = self.null.nearest(self, o, w, f64::INFINITY, &on, Medium::Any) else { break };
+            let h = self.hit(t, o + w * t, shape, face);
+            let shape = &self.shapes[h.shape as usize];
+            if shape.boundary {
+                return if w.dot(h.n) > 0.0 { shape.interior } else { shape.exterior };
+            }
+            on = on.crossed(&h, self.tolerance(h.p));
+            o = h.p;
+        }
+        otherwise
     }
 
     /// Whether anything opaque stands between `p` and the light.
@@ -249,7 +325,7 @@ impl Scene {
         let simple = self.opaque.simple.iter().any(|&id| {
             let start = on.face(id).map(|face| Start { face });
             let shape = &self.shapes[id as usize].shape;
-            shape.intersect(p, a.w, -tolerance, t_max, start).is_some()
+            shape.cross(p, a.w, -tolerance, t_max, start).is_some()
         });
         simple
             || self.opaque.bvh.as_ref().is_some_and(|bvh| {

@@ -76,6 +76,23 @@ pub enum LightKindPart<R> {
     Envmap { path: PathBuf, to_world: Mat4<R> },
 }
 
+impl<R: Real> LightKindPart<R> {
+    /// Where a light of zero measure stands and looks, as slots.
+    fn placement(&self) -> Vec<(Quantity, Vec<R>)> {
+        let list = |v: V3<R>| vec![v.x, v.y, v.z];
+        match self {
+            LightKindPart::Point { position } => vec![(Quantity::Position, list(*position))],
+            LightKindPart::Spot { to_world, beam, cutoff } => vec![
+                (Quantity::Position, list(to_world.column(3))),
+                (Quantity::Direction, list(to_world.vector(V3::constant(DVec3::Z)).normalize())),
+                (Quantity::Angles, vec![*beam, *cutoff]),
+            ],
+            LightKindPart::Directional { direction } => vec![(Quantity::Direction, list(*direction))],
+            LightKindPart::Area { .. } | LightKindPart::Constant | LightKindPart::Envmap { .. } => Vec::new(),
+        }
+    }
+}
+
 pub struct LightPart<R> {
     pub name: String,
     pub span: Span,
@@ -170,7 +187,7 @@ impl<R: Real> Parts<R> {
         }
     }
 
-    /// Every differentiable scalar in its one fixed order: media, surfaces, lights.
+    /// Every differentiable scalar in its one fixed order: media, surfaces, lights, their places.
     pub fn slots(&self) -> Vec<SlotPart<R>> {
         let mut v = Vec::new();
         let mut add = |owner, name: &str, quantity, values: Vec<R>| {
@@ -203,6 +220,11 @@ impl<R: Real> Parts<R> {
                 _ => add(Owner::Light(i), &l.name, Quantity::Emission, l.value.to_vec()),
             }
         }
+        for (i, l) in self.lights.iter().enumerate() {
+            for (quantity, values) in l.kind.placement() {
+                add(Owner::Light(i), &l.name, quantity, values);
+            }
+        }
         v
     }
 
@@ -218,20 +240,16 @@ impl<R: Real> Parts<R> {
             v.push((Movable::Shape(i), x));
         }
         for (i, l) in self.lights.iter().enumerate() {
-            match &l.kind {
-                LightKindPart::Point { position: p } => v.push((Movable::LightPosition(i), vec![p.x, p.y, p.z])),
-                LightKindPart::Spot { to_world, beam, cutoff } => {
-                    let o = to_world.column(3);
-                    v.push((Movable::LightPosition(i), vec![o.x, o.y, o.z]));
-                    let d = to_world.vector(V3::constant(DVec3::Z)).normalize();
-                    v.push((Movable::LightDirection(i), vec![d.x, d.y, d.z]));
-                    v.push((Movable::LightProfile(i), vec![*beam, *cutoff]));
-                }
-                LightKindPart::Directional { direction: d } => {
-                    v.push((Movable::LightDirection(i), vec![d.x, d.y, d.z]));
-                }
-                LightKindPart::Envmap { to_world, .. } => v.push((Movable::Environment(i), flat(to_world))),
-                LightKindPart::Area { .. } | LightKindPart::Constant => {}
+            for (quantity, values) in l.kind.placement() {
+                let what = match quantity {
+                    Quantity::Position => Movable::LightPosition(i),
+                    Quantity::Direction => Movable::LightDirection(i),
+                    _ => Movable::LightProfile(i),
+                };
+                v.push((what, values));
+            }
+            if let LightKindPart::Envmap { to_world, .. } = &l.kind {
+                v.push((Movable::Environment(i), flat(to_world)));
             }
         }
         for (i, m) in self.media.iter().enumerate() {

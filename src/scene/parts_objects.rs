@@ -145,7 +145,13 @@ impl<R: Real> Reader<'_, R> {
                     "use 0 < angle < 180",
                 )?;
                 let text = format!("beam_width is {b}, cutoff_angle {c}");
-                require(n, "beam_width", b >= 0.0 && b < c, text, "use 0 <= beam_width < cutoff_angle")?;
+                require(
+                    n,
+                    "beam_width",
+                    b >= 0.0 && b <= c,
+                    text,
+                    "use 0 <= beam_width <= cutoff_angle; equal: a hard edge",
+                )?;
                 let to_world = n.transform(env, "to_world")?;
                 let kind = LightKindPart::Spot { to_world, beam: beam.to_radians(), cutoff: cutoff.to_radians() };
                 (kind, n.rgb(env, "intensity", 1.0)?, "intensity")

@@ -87,7 +87,8 @@ impl Cube {
         Some((far.0.max(f64::MIN_POSITIVE), far.1))
     }
 
-    fn hit(o: DVec3, w: DVec3, (t, face): (f64, u32)) -> ShapeHit {
+    fn hit(&self, o: DVec3, w: DVec3, (t, face): (f64, u32)) -> ShapeHit {
+        let (o, w) = self.placement.local_ray(o, w);
         ShapeHit { t, uv: local_uv(face, o + t * w), face }
     }
 }
@@ -108,23 +109,26 @@ impl Geometry for Cube {
     }
 
     fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit> {
-        let (o, w) = self.placement.local_ray(o, w);
+        self.cross(o, w, t_min, t_max, start).map(|x| self.hit(o, w, x))
+    }
+
+    fn cross(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<(f64, u32)> {
         let inside = |x: &(f64, u32)| x.0 > t_min && x.0 <= t_max;
-        let hit = match start {
+        let (o, w) = self.placement.local_ray(o, w);
+        match start {
             Some(s) => Self::exit_from(s.face, o, w).filter(inside),
             None => Self::slabs(o, w)?.into_iter().find(inside),
-        };
-        hit.map(|x| Self::hit(o, w, x))
+        }
     }
 
     fn crossings(&self, o: DVec3, w: DVec3) -> Option<[ShapeHit; 2]> {
-        let (o, w) = self.placement.local_ray(o, w);
-        Some(Self::slabs(o, w)?.map(|x| Self::hit(o, w, x)))
+        let (local_o, local_w) = self.placement.local_ray(o, w);
+        Some(Self::slabs(local_o, local_w)?.map(|x| self.hit(o, w, x)))
     }
 
     fn normal(&self, face: u32, _p: DVec3) -> DVec3 {
         let (axis, side) = axis_side(face);
-        self.placement.normal(side * AXES[axis])
+        side * self.placement.normal(axis)
     }
 
     fn position(&self, face: u32, uv: DVec2) -> DVec3 {

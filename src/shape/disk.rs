@@ -1,6 +1,5 @@
 //! The unit disk in z = 0 with normal +z, placed by an affine map: any ellipse. `uv = (radius, angle / 2 pi)`.
 
-use super::rectangle::cross_z0;
 use super::{Bounds, Geometry, Placement, ShapeHit, Start, SurfaceSample};
 use crate::math::{DAffine3, DVec2, DVec3, warp};
 use std::f64::consts::{PI, TAU};
@@ -8,11 +7,21 @@ use std::f64::consts::{PI, TAU};
 #[derive(Clone, Copy, Debug)]
 pub struct Disk {
     pub placement: Placement,
+    area: f64,
 }
 
 impl Disk {
     pub fn new(to_world: DAffine3, flip_normals: bool) -> Result<Self, String> {
-        Ok(Disk { placement: Placement::new(to_world, flip_normals)? })
+        let placement = Placement::new(to_world, flip_normals)?;
+        Ok(Disk { placement, area: PI * placement.area(DVec3::X, DVec3::Y) })
+    }
+
+    /// `t` and the local point.
+    fn met(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<(f64, DVec2)> {
+        if start.is_some() {
+            return None;
+        }
+        self.placement.cross_z0(o, w, t_min, t_max).filter(|(_, p)| p.length_squared() <= 1.0)
     }
 }
 
@@ -36,7 +45,7 @@ impl Geometry for Disk {
     }
 
     fn area(&self) -> f64 {
-        PI * self.placement.area(DVec3::X, DVec3::Y)
+        self.area
     }
 
     fn is_closed(&self) -> bool {
@@ -44,16 +53,15 @@ impl Geometry for Disk {
     }
 
     fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit> {
-        if start.is_some() {
-            return None;
-        }
-        let (o, w) = self.placement.local_ray(o, w);
-        let (t, p) = cross_z0(o, w, t_min, t_max)?;
-        (p.length_squared() <= 1.0).then(|| ShapeHit { t, uv: polar(p), face: 0 })
+        self.met(o, w, t_min, t_max, start).map(|(t, p)| ShapeHit { t, uv: polar(p), face: 0 })
+    }
+
+    fn cross(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<(f64, u32)> {
+        self.met(o, w, t_min, t_max, start).map(|(t, _)| (t, 0))
     }
 
     fn normal(&self, _face: u32, _p: DVec3) -> DVec3 {
-        self.placement.normal(DVec3::Z)
+        self.placement.normal(2)
     }
 
     fn position(&self, _face: u32, uv: DVec2) -> DVec3 {

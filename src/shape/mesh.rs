@@ -240,6 +240,10 @@ impl Geometry for TriangleMesh {
         best
     }
 
+    fn cross(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<(f64, u32)> {
+        self.intersect(o, w, t_min, t_max, start).map(|h| (h.t, h.face))
+    }
+
     fn normal(&self, face: u32, _p: DVec3) -> DVec3 {
         self.area_vector(face).normalize()
     }

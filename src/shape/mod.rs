@@ -7,6 +7,7 @@
 pub mod bounds;
 pub mod cube;
 pub mod disk;
+pub mod edges;
 pub mod mesh;
 pub mod obj;
 pub mod placement;
@@ -71,6 +72,9 @@ pub trait Geometry {
     /// exit, at `t > 0`.
     fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit>;
 
+    /// `t` and the face of what [`Geometry::intersect`] finds: all that a ray asks for, without surface coordinates.
+    fn cross(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<(f64, u32)>;
+
     /// Where the infinite line enters and leaves a convex closed shape; `None` for a miss and for all other shapes.
     fn crossings(&self, _o: DVec3, _w: DVec3) -> Option<[ShapeHit; 2]> {
         None
@@ -102,45 +106,50 @@ pub enum Shape {
     Cube(Cube),
 }
 
-impl Shape {
-    pub fn geometry(&self) -> &dyn Geometry {
-        match self {
-            Shape::Mesh(s) => s,
-            Shape::Sphere(s) => s,
-            Shape::Rectangle(s) => s,
-            Shape::Disk(s) => s,
-            Shape::Cube(s) => s,
+/// The same call on whatever the shape is: a jump, and inlined where it is hot, not a call through a table.
+macro_rules! each {
+    ($shape:expr, $s:ident => $call:expr) => {
+        match $shape {
+            Shape::Mesh($s) => $call,
+            Shape::Sphere($s) => $call,
+            Shape::Rectangle($s) => $call,
+            Shape::Disk($s) => $call,
+            Shape::Cube($s) => $call,
         }
-    }
+    };
 }
 
 impl Geometry for Shape {
     fn bounds(&self) -> Bounds {
-        self.geometry().bounds()
+        each!(self, s => s.bounds())
     }
     fn area(&self) -> f64 {
-        self.geometry().area()
+        each!(self, s => s.area())
     }
     fn is_closed(&self) -> bool {
-        self.geometry().is_closed()
+        each!(self, s => s.is_closed())
     }
     fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit> {
-        self.geometry().intersect(o, w, t_min, t_max, start)
+        each!(self, s => s.intersect(o, w, t_min, t_max, start))
+    }
+    #[inline]
+    fn cross(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<(f64, u32)> {
+        each!(self, s => s.cross(o, w, t_min, t_max, start))
     }
     fn crossings(&self, o: DVec3, w: DVec3) -> Option<[ShapeHit; 2]> {
-        self.geometry().crossings(o, w)
+        each!(self, s => s.crossings(o, w))
     }
     fn normal(&self, face: u32, p: DVec3) -> DVec3 {
-        self.geometry().normal(face, p)
+        each!(self, s => s.normal(face, p))
     }
     fn position(&self, face: u32, uv: DVec2) -> DVec3 {
-        self.geometry().position(face, uv)
+        each!(self, s => s.position(face, uv))
     }
     fn uv(&self, face: u32, p: DVec3) -> DVec2 {
-        self.geometry().uv(face, p)
+        each!(self, s => s.uv(face, p))
     }
     fn sample(&self, u: f64, v: f64) -> SurfaceSample {
-        self.geometry().sample(u, v)
+        each!(self, s => s.sample(u, v))
     }
 }
 

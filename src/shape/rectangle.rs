@@ -6,19 +6,22 @@ use crate::math::{DAffine3, DVec2, DVec3};
 #[derive(Clone, Copy, Debug)]
 pub struct Rectangle {
     pub placement: Placement,
+    area: f64,
 }
 
 impl Rectangle {
     pub fn new(to_world: DAffine3, flip_normals: bool) -> Result<Self, String> {
-        Ok(Rectangle { placement: Placement::new(to_world, flip_normals)? })
+        let placement = Placement::new(to_world, flip_normals)?;
+        Ok(Rectangle { placement, area: 4.0 * placement.area(DVec3::X, DVec3::Y) })
     }
-}
 
-/// The crossing of a local ray with z = 0, `t` in `(t_min, t_max]`, and the local point.
-pub(super) fn cross_z0(o: DVec3, w: DVec3, t_min: f64, t_max: f64) -> Option<(f64, DVec2)> {
-    let t = -o.z / w.z;
-    // A ray in the plane gives NaN or infinity: no crossing.
-    (t > t_min && t <= t_max && t.is_finite()).then(|| (t, o.truncate() + t * w.truncate()))
+    /// `t` and the local point.
+    fn met(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<(f64, DVec2)> {
+        if start.is_some() {
+            return None;
+        }
+        self.placement.cross_z0(o, w, t_min, t_max).filter(|(_, p)| p.abs().max_element() <= 1.0)
+    }
 }
 
 impl Geometry for Rectangle {
@@ -29,7 +32,7 @@ impl Geometry for Rectangle {
     }
 
     fn area(&self) -> f64 {
-        4.0 * self.placement.area(DVec3::X, DVec3::Y)
+        self.area
     }
 
     fn is_closed(&self) -> bool {
@@ -37,16 +40,15 @@ impl Geometry for Rectangle {
     }
 
     fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit> {
-        if start.is_some() {
-            return None;
-        }
-        let (o, w) = self.placement.local_ray(o, w);
-        let (t, p) = cross_z0(o, w, t_min, t_max)?;
-        (p.abs().max_element() <= 1.0).then(|| ShapeHit { t, uv: 0.5 * (p + 1.0), face: 0 })
+        self.met(o, w, t_min, t_max, start).map(|(t, p)| ShapeHit { t, uv: 0.5 * (p + 1.0), face: 0 })
+    }
+
+    fn cross(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<(f64, u32)> {
+        self.met(o, w, t_min, t_max, start).map(|(t, _)| (t, 0))
     }
 
     fn normal(&self, _face: u32, _p: DVec3) -> DVec3 {
-        self.placement.normal(DVec3::Z)
+        self.placement.normal(2)
     }
 
     fn position(&self, _face: u32, uv: DVec2) -> DVec3 {

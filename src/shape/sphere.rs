@@ -149,13 +149,17 @@ impl Geometry for Sphere {
     }
 
     fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit> {
-        let (c, vo, vw) = (V3::constant(self.center), V3::constant(o), V3::constant(w));
+        self.cross(o, w, t_min, t_max, start).map(|(t, _)| self.hit(o, w, t))
+    }
+
+    fn cross(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<(f64, u32)> {
+        let (c, o, w) = (V3::constant(self.center), V3::constant(o), V3::constant(w));
         let inside = |t: &f64| *t > t_min && *t <= t_max;
         let t = match start {
-            Some(_) => Some(sphere_other_root(c, self.radius, vo, vw)).filter(inside),
-            None => sphere_roots(c, self.radius, vo, vw)?.into_iter().find(inside),
+            Some(_) => Some(sphere_other_root(c, self.radius, o, w)).filter(inside),
+            None => sphere_roots(c, self.radius, o, w)?.into_iter().find(inside),
         };
-        t.map(|t| self.hit(o, w, t))
+        t.map(|t| (t, 0))
     }
 
     fn crossings(&self, o: DVec3, w: DVec3) -> Option<[ShapeHit; 2]> {

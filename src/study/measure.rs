@@ -6,6 +6,7 @@ use crate::math::stats::{Moments, median};
 use crate::params::ParamSet;
 use crate::render::driver::{Job, Mode};
 use crate::render::health::Mishap;
+use crate::render::plan::Terms;
 use crate::scene::compile::LoadOptions;
 use crate::scene::{Scene, SceneDesc};
 use rayon::ThreadPool;
@@ -62,7 +63,19 @@ impl Subject {
     pub fn job<'a>(&'a self, paths: usize, seed: u64, mode: Mode<'a>) -> Job<'a> {
         let (w, h) = (paths.min(WIDTH), paths.div_ceil(WIDTH).max(1));
         let crop = [0, 0, w, h];
-        Job { scene: &self.scene, sensor: 0, crop, spp: 1, seed, mode, max_time: None, target_error: None, stop: None }
+        Job {
+            scene: &self.scene,
+            sensor: 0,
+            crop,
+            spp: 1,
+            seed,
+            mode,
+            terms: Terms::ALL,
+            split: false,
+            max_time: None,
+            target_error: None,
+            stop: None,
+        }
     }
 }
 

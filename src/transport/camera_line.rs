@@ -167,7 +167,7 @@ fn side_estimates<R: Recorder>(
             lead.iter().for_each(|q| w.rec.side_span(q.span));
         }
         let density = |scene: &Scene, t: f64| forced_density(scene, piece, total, t).mean() * share.scatter;
-        connect::equiangular(w, &mut s.rng, piece.span, prefix * before, 0, first, density, None);
+        connect::equiangular(w, s, piece.span, prefix * before, 0, first, density, None);
     }
     if let Some(rng) = w.rec.candidate_rng() {
         let m = &w.scene.media[piece.span.medium as usize];

@@ -5,12 +5,13 @@
 //! the same span. Balance-heuristic weights of geometric densities [T] (61); homogeneous transmittance counts as the
 //! survival probability of a sampled direction.
 
-use super::light_centred;
+use super::aim::{Aim, Turn};
 use super::record::{Event, MediumSpan, Recorder};
 use super::transmit;
 use super::walk::{Flight, State, Walker};
+use super::{beside, light_centred};
 use crate::light::Arrival;
-use crate::math::rng::Rng;
+use crate::math::equiangular::EquiAngular;
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
 use crate::scene::{On, Scene};
@@ -29,57 +30,20 @@ pub fn direction_share(p_direction: f64, tau: Rgb, p_light: f64) -> f64 {
     if d + p_light > 0.0 { d / (d + p_light) } else { 1.0 }
 }
 
-/// Distance geometry of a light beside a straight span.
-pub(super) struct Angles {
-    /// Abscissa of the closest approach, distance there.
-    t_closest: f64,
-    h: f64,
-    /// Angle at the span's start, angle subtended by the span.
-    start: f64,
-    range: f64,
-}
-
-impl Angles {
-    pub(super) fn new(light: DVec3, span: &MediumSpan) -> Self {
-        let d = light - span.o;
-        let t_closest = d.dot(span.w);
-        let h = (d - span.w * t_closest).length();
-        let a = span.t0 - t_closest;
-        let start = a.atan2(h);
-        let range = if span.t1 == f64::INFINITY {
-            std::f64::consts::FRAC_PI_2 - start
-        } else {
-            // Difference of the two angles without cancelling.
-            let b = span.t1 - t_closest;
-            ((span.t1 - span.t0) * h).atan2(h * h + a * b)
-        };
-        Angles { t_closest, h, start, range }
-    }
-
-    /// Density per length at abscissa `t` [T] 5.5.
-    pub(super) fn density(&self, t: f64) -> f64 {
-        let d = t - self.t_closest;
-        self.h / (self.range * (self.h * self.h + d * d))
-    }
-
-    fn sample(&self, u: f64, span: &MediumSpan) -> f64 {
-        (self.t_closest + self.h * (self.start + u * self.range).tan()).clamp(span.t0, span.t1)
-    }
-
-    pub(super) fn usable(&self) -> bool {
-        self.h > 0.0 && self.range > 0.0
-    }
+/// Equi-angular sampling of a span by a light.
+pub(super) fn angles(light: DVec3, span: &MediumSpan) -> EquiAngular {
+    EquiAngular::new(light, span.o, span.w, span.t0, span.t1)
 }
 
 /// Share of the free flight of density `p_flight` at abscissa `t` for the light `id` of the position `light`.
 fn flight_share(w: &Walker<impl Recorder>, id: u32, light: DVec3, flight: &Flight, t: f64) -> f64 {
     let Some(span) = &flight.span else { return 1.0 };
-    let angles = Angles::new(light, span);
-    if !angles.usable() {
+    let equiangular = angles(light, span);
+    if !equiangular.usable() {
         return 1.0;
     }
     let own = w.scene.selection(id) * flight.density;
-    let equi = w.scene.local_selection(id) * angles.density(t);
+    let equi = w.scene.local_selection(id) * equiangular.density(t);
     let centred = light_centred::density_per_length(w.scene, id, light, span.o + span.w * t, flight.reach);
     if own > 0.0 { own / (own + equi + centred) } else { 0.0 }
 }
@@ -98,7 +62,9 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
         share = flight_share(w, light, center, &s.flight, t);
     }
     let weight = s.beta / s.r.mean() * (f * a.factor / probability * share);
-    finish(w, s, &a, &On::default(), weight, probability, f, Some((id, m)));
+    let aim = beside::follows(w, light, s.o, s.flight.reach.map(|r| r.0), s.grand)
+        .then(|| Aim::new(light, s.o, Some(id), On::default(), &a, Turn::Phase(id, s.w), s.aside));
+    finish(w, s, &a, &On::default(), weight, probability, f, Some((id, m)), aim);
 }
 
 /// Next-event estimation from a surface at `s.o`, reflectance already in `s.beta`.
@@ -112,7 +78,8 @@ pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Sur
     }
     let weight = s.beta / s.r.mean() * (f * a.factor / probability);
     let on = s.on;
-    finish(w, s, &a, &on, weight, probability, f, None);
+    let aim = (R::ON && w.rec.follows(light)).then(|| Aim::new(light, s.o, s.medium, on, &a, Turn::Cosine(n), s.aside));
+    finish(w, s, &a, &on, weight, probability, f, None, aim);
 }
 
 /// The extra connection of a medium span: a point drawn by the angle it subtends at a light with a position,
@@ -120,7 +87,7 @@ pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Sur
 /// the competing density per length; `first` the first recorded span of the connection.
 pub fn equiangular<R: Recorder>(
     w: &mut Walker<R>,
-    rng: &mut Rng,
+    s: &mut State,
     span: MediumSpan,
     prefix: Rgb,
     depth: u32,
@@ -129,16 +96,17 @@ pub fn equiangular<R: Recorder>(
     reach: Option<(DVec3, f64)>,
 ) {
     let scene = w.scene;
+    let rng = &mut s.rng;
     let Some((light, q)) = scene.select_local_light(rng.uniform()) else { return };
     let (u, v, x) = (rng.uniform(), rng.uniform(), rng.uniform());
     let Some(center) = scene.lights[light as usize].center() else { return };
-    let angles = Angles::new(center, &span);
-    if !angles.usable() {
+    let equiangular = angles(center, &span);
+    if !equiangular.usable() {
         // The light stands on the ray: the picture diverges there, and says so.
-        w.tally.light_on_ray += u64::from(depth == 0 && angles.h == 0.0);
+        w.tally.light_on_ray += u64::from(depth == 0 && equiangular.h() == 0.0);
         return;
     }
-    let t = angles.sample(u, &span);
+    let t = equiangular.sample(u);
     let p = span.o + span.w * t;
     let Some(a) = scene.arrival(light, p, v, x) else { return };
     let medium = &scene.media[span.medium as usize];
@@ -146,7 +114,7 @@ pub fn equiangular<R: Recorder>(
     if sigma_s.is_zero() && !R::ON {
         return;
     }
-    let equi = q * angles.density(t);
+    let equi = q * equiangular.density(t);
     let flight = scene.selection(light) * flight_density(scene, t);
     let centred = light_centred::density_per_length(scene, light, center, p, reach);
     let part = MediumSpan { t1: t, ..span };
@@ -161,7 +129,9 @@ pub fn equiangular<R: Recorder>(
     let f = medium.phase.eval(m);
     let weight = prefix * transmittance * (f * a.factor / (equi + flight + centred));
     let Some((t, _)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
-    score(w, &a, weight * t, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)));
+    let aim = beside::follows(w, light, p, reach.map(|r| r.0), s.from)
+        .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));
+    score(w, &a, weight * t, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)), aim);
 }
 
 /// Weight against direction sampling, trace the shadow ray, score.
@@ -174,6 +144,7 @@ fn finish<R: Recorder>(
     probability: f64,
     p_direction: f64,
     phase: Option<(u32, f64)>,
+    aim: Option<Aim>,
 ) {
     let first = w.rec.side_len();
     let Some((t, tau)) = transmit::shadow(w, &mut s.rng, s.medium, s.o, on, a) else { return };
@@ -183,7 +154,7 @@ fn finish<R: Recorder>(
         let light = probability * a.pdf;
         weight *= light / (light + p_direction * survival(tau));
     }
-    score(w, a, weight, first, [phase, None], None);
+    score(w, a, weight, first, [phase, None], None, aim);
 }
 
 pub(super) fn score<R: Recorder>(
@@ -193,11 +164,16 @@ pub(super) fn score<R: Recorder>(
     first_span: u32,
     phase: [Option<(u32, f64)>; 2],
     scatter: Option<(u32, DVec3, Rgb)>,
+    aim: Option<Aim>,
 ) {
     let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);
-    w.value += weight * sigma_s * a.emission.color();
+    let value = weight * sigma_s * a.emission.color();
+    w.value += value;
     if R::ON {
         let spans = w.rec.side_len() - first_span;
         w.rec.push(Event::Connect { weight, emission: a.emission, first_span, spans, phase, scatter });
+        if let Some(aim) = aim {
+            w.rec.push(Event::Aim { aim, value });
+        }
     }
 }

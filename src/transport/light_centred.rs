@@ -5,10 +5,12 @@
 //! their second moment still grows like a logarithm. Drawing y by a uniform direction and a half-Cauchy distance from the light,
 //! `p(y) = 2R / (π (R² + r²)) / (4π r²)` with R = ‖x-p‖, cancels the pole at the light; the balance heuristic of the three bounds all [T] (61), (63).
 
-use super::connect::{self, Angles};
+use super::aim::{Aim, Turn};
 use super::record::{MediumSpan, Recorder};
 use super::walk::{State, Walker};
+use super::{beside, connect};
 use super::{tracking, transmit};
+use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
 use crate::phase::one_minus_cos;
 use crate::scene::{On, Scene};
@@ -39,8 +41,76 @@ pub fn density_per_length(scene: &Scene, light: u32, center: DVec3, y: DVec3, re
     }
 }
 
+/// A point y seen from a vertex through the medium around it.
+pub(super) struct Sight {
+    pub direction: DVec3,
+    /// Phase function or cosine at the vertex, per solid angle, over the squared distance.
+    pub per_length: f64,
+    pub phase: Option<(u32, f64)>,
+    pub transmittance: Rgb,
+    /// The span that y lies in, whole, and where.
+    pub span: MediumSpan,
+    pub t: f64,
+}
+
+impl Sight {
+    /// March from the vertex at `s.o` to y. Transmittance draws from `rng`, spans go to the record's side list.
+    pub fn new<R: Recorder>(w: &mut Walker<R>, s: &State, vertex: &Vertex, y: DVec3, rng: &mut Rng) -> Option<Sight> {
+        let scene = w.scene;
+        let to_y = y - s.o;
+        let d = to_y.length();
+        if d <= 0.0 || !d.is_finite() {
+            return None;
+        }
+        let direction = to_y / d;
+        let (f, phase) = match vertex {
+            Vertex::Medium(id) => {
+                let m = one_minus_cos(s.w, direction);
+                (scene.media[*id as usize].phase.eval(m), Some((*id, m)))
+            }
+            Vertex::Surface(surface, n, wi) => (surface.eval_unit(*n, *wi, direction), None),
+        };
+        if f <= 0.0 {
+            return None;
+        }
+        let (mut o, mut on, mut medium, mut before) = (s.o, s.on, s.medium, 0.0);
+        let (mut transmittance, mut crossings) = (Rgb::ONE, 0);
+        loop {
+            crossings += 1;
+            if crossings > scene.max_interfaces {
+                w.tally.missed_boundary += 1;
+                return None;
+            }
+            let hit = scene.intersect(o, direction, f64::INFINITY, &on, medium);
+            let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+            let holds = before + t1 >= d;
+            let end = if holds { d - before } else { t1 };
+            if let Some(id) = medium {
+                let part = MediumSpan { medium: id, o, w: direction, t0: 0.0, t1: end.max(0.0) };
+                transmittance *= transmit::one_span(scene, &part, rng);
+                if R::ON {
+                    w.rec.side_span(part);
+                }
+                if holds {
+                    let (span, t) = (MediumSpan { t1, ..part }, (d - before).max(0.0));
+                    return Some(Sight { direction, per_length: f / (d * d), phase, transmittance, span, t });
+                }
+            }
+            let h = hit?;
+            let shape = &scene.shapes[h.shape as usize];
+            if holds || !scene.surfaces[shape.surface as usize].is_null() || transmittance.is_zero() {
+                return None;
+            }
+            medium = shape.medium_behind(direction, h.n, medium);
+            on = on.crossed(&h, scene.tolerance(h.p));
+            o = h.p;
+            before += h.t;
+        }
+    }
+}
+
 /// Connect the vertex at `s.o` to a light through a point drawn around that light.
-pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
+pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let scene = w.scene;
     if !scene.has_embedded_lights() || !w.may_scatter(s.depth + 1) {
         return;
@@ -51,58 +121,15 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
     let radius = (center - s.o).length();
     let r = radius * (0.5 * PI * u).tan();
     let y = center + warp::sphere(v, z) * r;
-    let to_y = y - s.o;
-    let d = to_y.length();
-    if r <= 0.0 || d <= 0.0 || !d.is_finite() {
+    if r <= 0.0 {
         return;
     }
-    let direction = to_y / d;
-    let (f, first_phase) = match &vertex {
-        Vertex::Medium(id) => {
-            let m = one_minus_cos(s.w, direction);
-            (scene.media[*id as usize].phase.eval(m), Some((*id, m)))
-        }
-        Vertex::Surface(surface, n, wi) => (surface.eval_unit(*n, *wi, direction), None),
-    };
-    if f <= 0.0 {
-        return;
-    }
-
-    // March to the span that holds y.
     let first = w.rec.side_len();
-    let (mut o, mut on, mut medium, mut before) = (s.o, s.on, s.medium, 0.0);
-    let (mut transmittance, mut crossings) = (Rgb::ONE, 0);
-    let span = loop {
-        crossings += 1;
-        if crossings > scene.max_interfaces {
-            w.tally.missed_boundary += 1;
-            return;
-        }
-        let hit = scene.intersect(o, direction, f64::INFINITY, &on, medium);
-        let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-        let holds = before + t1 >= d;
-        let end = if holds { d - before } else { t1 };
-        if let Some(id) = medium {
-            let part = MediumSpan { medium: id, o, w: direction, t0: 0.0, t1: end.max(0.0) };
-            transmittance *= transmit::one_span(scene, &part, &mut s.rng);
-            if R::ON {
-                w.rec.side_span(part);
-            }
-            if holds {
-                break MediumSpan { t1, ..part };
-            }
-        }
-        let Some(h) = hit else { return };
-        let shape = &scene.shapes[h.shape as usize];
-        if holds || !scene.surfaces[shape.surface as usize].is_null() || transmittance.is_zero() {
-            return;
-        }
-        medium = shape.medium_behind(direction, h.n, medium);
-        on = on.crossed(&h, scene.tolerance(h.p));
-        o = h.p;
-        before += h.t;
-    };
-    let t = (d - before).max(0.0);
+    let mut rng = s.rng;
+    let sight = Sight::new(w, s, vertex, y, &mut rng);
+    s.rng = rng;
+    let Some(sight) = sight else { return };
+    let Sight { span, t, per_length, .. } = sight;
     let m = &scene.media[span.medium as usize];
     let (_, sigma_s) = m.coefficients(y);
     if sigma_s.is_zero() && !R::ON {
@@ -110,20 +137,23 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
     }
 
     // The three techniques for y, per volume.
-    let per_length = f / (d * d);
     let flight = scene.selection(light) * tracking::flight_density(m, &span, t) * per_length;
-    let angles = Angles::new(center, &span);
+    let angles = connect::angles(center, &span);
     let equi = if angles.usable() { scene.local_selection(light) * angles.density(t) * per_length } else { 0.0 };
     let own = q * density(r, radius);
     let Some(a) = scene.arrival(light, y, v, z) else { return };
-    let m2 = one_minus_cos(direction, a.w);
+    let m2 = one_minus_cos(sight.direction, a.w);
     let weight =
-        s.beta / s.r.mean() * transmittance * (per_length * m.phase.eval(m2) * a.factor / (flight + equi + own));
+        s.beta / s.r.mean() * sight.transmittance * (per_length * m.phase.eval(m2) * a.factor / (flight + equi + own));
 
     // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
     let mut unscored = s.rng;
     let rng = if sigma_s.is_zero() { &mut unscored } else { &mut s.rng };
     let Some((shadow, _)) = transmit::shadow(w, rng, Some(span.medium), y, &On::default(), &a) else { return };
-    let phases = [first_phase, Some((span.medium, m2))];
-    connect::score(w, &a, weight * shadow, first, phases, Some((span.medium, y, sigma_s)));
+    let phases = [sight.phase, Some((span.medium, m2))];
+    let aim = beside::follows(w, light, y, Some(s.o), s.from).then(|| {
+        let turn = Turn::Phase(span.medium, sight.direction);
+        Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside)
+    });
+    connect::score(w, &a, weight * shadow, first, phases, Some((span.medium, y, sigma_s)), aim);
 }

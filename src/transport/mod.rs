@@ -1,5 +1,7 @@
 //! Transport: walks, what they record, and the sweep that turns a record into partial derivatives.
 
+pub mod aim;
+pub mod beside;
 pub mod camera_line;
 pub mod connect;
 pub mod light_centred;
@@ -22,14 +24,6 @@ pub fn sample(scene: &Scene, set: &Settings, state: State, tally: &mut Tally) ->
     let mut w = walk::Walker::new(scene, set, &mut rec);
     let s = camera_line::start(&mut w, state);
     w.run(s);
-    add_tally(tally, &w.tally);
+    *tally = tally.plus(&w.tally);
     w.value
-}
-
-fn add_tally(to: &mut Tally, from: &Tally) {
-    to.capped += from.capped;
-    to.truncated += from.truncated;
-    to.light_on_ray += from.light_on_ray;
-    to.missed_boundary += from.missed_boundary;
-    to.unbounded_vacuum += from.unbounded_vacuum;
 }

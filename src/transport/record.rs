@@ -3,11 +3,13 @@
 //! A record holds one or two chains (`Event::Chain` starts one): the scattered and the unscattered part of a camera line.
 //! Memory is bounded: a path longer than `CHUNK` events keeps checkpoints, and the sweep regenerates one chunk at a time.
 
+use super::aim::Aim;
 use super::sweep::Candidates;
 use super::walk::{Flight, State};
 use crate::light::Emission;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
+use crate::params::Slot;
 use crate::scene::Hit;
 
 /// Events held at a time, unless a test asks for less.
@@ -63,6 +65,10 @@ pub enum Event {
         phase: [Option<(u32, f64)>; 2],
         scatter: Option<(u32, DVec3, Rgb)>,
     },
+    /// A connection of this value to a light that moves: its motion only.
+    Aim { aim: Aim, value: Rgb },
+    /// A partial of its own: `value <v, d x / d slot>` for the vector x in three slots.
+    Drift { slot: Slot, v: DVec3, value: Rgb },
 }
 
 /// What the walk writes to. `ON = false` compiles every write away.
@@ -72,10 +78,16 @@ pub trait Recorder {
     fn side_span(&mut self, s: MediumSpan);
     /// Number of side spans so far, to name a range of them.
     fn side_len(&self) -> u32;
+    /// Forget the side spans from this one on.
+    fn side_truncate(&mut self, len: u32);
     /// Called before every flight; true stops the walk there (regeneration of one chunk).
     fn checkpoint(&mut self, state: &State) -> bool;
     /// A medium span of the camera line without end and without extinction: no candidate can be drawn.
     fn unbounded(&mut self, _medium: u32) {}
+    /// Whether a light moves: its connections are then recorded as [`Event::Aim`] too.
+    fn follows(&self, _light: u32) -> bool {
+        false
+    }
     /// The stream for candidates on the camera line; `None` where none are wanted.
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
         None
@@ -92,6 +104,7 @@ impl Recorder for NoRecord {
     fn side_len(&self) -> u32 {
         0
     }
+    fn side_truncate(&mut self, _: u32) {}
     fn checkpoint(&mut self, _: &State) -> bool {
         false
     }
@@ -106,6 +119,8 @@ pub struct PathRecord {
     pub candidates: Option<Candidates>,
     /// Events held at a time.
     pub chunk: usize,
+    /// Lights that move.
+    pub moving: Vec<bool>,
     unused: Rng,
 }
 
@@ -117,6 +132,7 @@ impl PathRecord {
             chunk_starts: Vec::new(),
             candidates: None,
             chunk: CHUNK,
+            moving: Vec::new(),
             unused: Rng::keyed(0, 0, 0, 0),
         }
     }
@@ -148,6 +164,14 @@ impl Recorder for PathRecord {
 
     fn side_len(&self) -> u32 {
         self.side.len() as u32
+    }
+
+    fn side_truncate(&mut self, len: u32) {
+        self.side.truncate(len as usize);
+    }
+
+    fn follows(&self, light: u32) -> bool {
+        self.moving.get(light as usize).copied().unwrap_or(false)
     }
 
     fn checkpoint(&mut self, state: &State) -> bool {

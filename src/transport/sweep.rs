@@ -13,11 +13,11 @@
 //!
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
-use super::camera_line;
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::walk::{Flight, Stage, State, Tally, Walker};
+use super::{aim, camera_line};
 use crate::light::Emission;
-use crate::math::rng::Rng;
+use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
 use crate::params::{ParamSet, Sink, Slot};
@@ -53,6 +53,7 @@ pub struct Candidates {
 pub struct SweepFacts {
     media: Vec<MediumFacts>,
     surfaces: Vec<bool>,
+    lights: Vec<bool>,
     any_source: bool,
 }
 
@@ -85,7 +86,8 @@ impl SweepFacts {
             .map(|s| matches!(s, Surface::Diffuse { slot, .. } if params.block_active(*slot, 3)))
             .collect();
         let any_source = media.iter().any(|m| m.source) || surfaces.iter().any(|&s| s);
-        SweepFacts { media, surfaces, any_source }
+        let lights = scene.lights.iter().map(|l| l.place.moves(params)).collect();
+        SweepFacts { media, surfaces, lights, any_source }
     }
 }
 
@@ -182,20 +184,22 @@ impl Sweep<'_> {
     /// random numbers, as [`super::sample`].
     pub fn sample(
         &self,
-        state: State,
-        derivative: Rng,
+        mut state: State,
+        mut derivative: Rng,
         rec: &mut PathRecord,
         sink: &mut impl Sink,
         tally: &mut Tally,
     ) -> Rgb {
         rec.chunk_starts.clear();
+        rec.moving.clone_from(&self.facts.lights);
+        state.aside = Rng::keyed(derivative.next_u64(), Purpose::Motion as u64, 0, 0);
         rec.begin(Some(Candidates::new(&self.facts, derivative)));
         let first = state.clone();
         let mut w = Walker::new(self.scene, self.set, rec);
         let s = camera_line::start(&mut w, state);
         w.run(s);
         let value = w.value;
-        super::add_tally(tally, &w.tally);
+        *tally = tally.plus(&w.tally);
         let Some(mut candidates) = rec.candidates.take() else { return value };
         candidates.scan(&rec.events);
 
@@ -223,6 +227,8 @@ impl Sweep<'_> {
             match e {
                 Event::Chain => after = Rgb::ZERO,
                 Event::Candidate { .. } => {}
+                Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
+                Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
                 Event::Span { span, .. } => self.transmittance(span, after, sink),
                 Event::Turn { medium, one_minus_mu } => self.phase(*medium, *one_minus_mu, after, sink),
                 Event::Scatter { medium, p } => self.source_score(*medium, *p, after, sink),
@@ -362,6 +368,6 @@ impl Sweep<'_> {
                 }
             }
         }
-        super::add_tally(tally, &w.tally);
+        *tally = tally.plus(&w.tally);
     }
 }

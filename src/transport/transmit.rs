@@ -67,10 +67,22 @@ pub fn shadow<R: Recorder>(
     on: &On,
     a: &Arrival,
 ) -> Option<(Rgb, Rgb)> {
-    let scene = w.scene;
-    if scene.opaque_blocks(p, a, on) {
+    if w.scene.opaque_blocks(p, a, on) {
         return None;
     }
+    through(w, rng, medium, p, on, a)
+}
+
+/// The same where nothing opaque is known to stand in between.
+pub fn through<R: Recorder>(
+    w: &mut Walker<R>,
+    rng: &mut Rng,
+    medium: Option<u32>,
+    p: DVec3,
+    on: &On,
+    a: &Arrival,
+) -> Option<(Rgb, Rgb)> {
+    let scene = w.scene;
     let (mut o, mut on, mut medium, mut left) = (p, *on, medium, a.distance);
     let (mut t, mut tau) = (Rgb::ONE, Rgb::ZERO);
     // Null interfaces only: whatever is opaque was asked above.

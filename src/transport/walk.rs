@@ -10,7 +10,7 @@
 
 use super::record::{Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
-use super::{connect, light_centred};
+use super::{beside, connect, light_centred};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
@@ -54,6 +54,9 @@ pub struct State {
     pub pdf_direction: f64,
     /// The last vertex.
     pub vertex: DVec3,
+    /// The vertex before the last one, if both are in a medium or that one's direction was drawn; and the same of that one.
+    pub from: Option<DVec3>,
+    pub grand: Option<DVec3>,
     /// Optical depth of homogeneous spans since the last vertex, for the MIS weight.
     pub tau: Rgb,
     /// Technique weights of the equi-angular connection at the collision at hand.
@@ -65,6 +68,8 @@ pub struct State {
     /// Spans that a pending chain crossed, for its record.
     pub line: Option<Arc<[MediumSpan]>>,
     pub rng: Rng,
+    /// A stream beside the path's own, for what only derivatives ask for.
+    pub aside: Rng,
     pub steps: u64,
 }
 
@@ -99,12 +104,15 @@ impl State {
             depth: 0,
             pdf_direction: 0.0,
             vertex: o,
+            from: None,
+            grand: None,
             tau: Rgb::ZERO,
             flight: Flight::default(),
             unit_reflectance: false,
             pending: None,
             line: None,
             rng,
+            aside: rng,
             steps: 0,
         }
     }
@@ -122,6 +130,19 @@ pub struct Tally {
     pub missed_boundary: u64,
     /// Derivatives asked of a vacuum without end: no candidate could be drawn there.
     pub unbounded_vacuum: u64,
+}
+
+impl Tally {
+    #[must_use]
+    pub fn plus(&self, o: &Tally) -> Tally {
+        Tally {
+            capped: self.capped + o.capped,
+            truncated: self.truncated + o.truncated,
+            light_on_ray: self.light_on_ray + o.light_on_ray,
+            missed_boundary: self.missed_boundary + o.missed_boundary,
+            unbounded_vacuum: self.unbounded_vacuum + o.unbounded_vacuum,
+        }
+    }
 }
 
 pub struct Walker<'a, R: Recorder> {
@@ -160,7 +181,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 }
                 Stage::Done => match s.pending.take() {
                     Some(next) => {
-                        s = State { rng: s.rng, steps: s.steps, ..*next };
+                        s = State { rng: s.rng, aside: s.aside, steps: s.steps, ..*next };
                         self.rec.push(Event::Chain);
                         for &span in s.line.take().iter().flat_map(|l| l.iter()) {
                             self.rec.push(Event::Span { span, prefix: None });
@@ -173,7 +194,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
     }
 
     /// From `o` along `w` to a collision, a surface, or out of the scene.
-    fn fly(&mut self, s: &mut State) {
+    pub(super) fn fly(&mut self, s: &mut State) {
         let scene = self.scene;
         let Some(id) = s.medium else {
             let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
@@ -190,7 +211,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 let prefix = s.beta / s.r.mean();
                 let (first, depth, reach) = (self.rec.side_len(), s.depth, s.reach());
                 let density = |_: &Scene, t: f64| tracking::flight_density(medium, &span, t);
-                connect::equiangular(self, &mut s.rng, span, prefix, depth, first, density, reach);
+                connect::equiangular(self, s, span, prefix, depth, first, density, reach);
             }
             let (beta, r) = (s.beta, s.r);
             match tracking::fly(medium, &span, s) {
@@ -312,6 +333,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         s.depth = k;
+        (s.grand, s.from) = (s.from, s.flight.reach.map(|r| r.0));
         s.vertex = s.o;
         s.tau = Rgb::ZERO;
         let medium: &Medium = &self.scene.media[id as usize];
@@ -319,7 +341,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             self.rec.push(Event::Scatter { medium: id, p: s.o });
         }
         connect::from_medium(self, s, id);
-        light_centred::connect(self, s, light_centred::Vertex::Medium(id));
+        light_centred::connect(self, s, &light_centred::Vertex::Medium(id));
+        beside::score(self, s, &light_centred::Vertex::Medium(id));
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let (w, m) = medium.phase.sample(s.w, u, v);
         if R::ON {
@@ -367,6 +390,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         s.depth = k;
+        (s.grand, s.from) = (s.from, None);
         s.o = hit.p;
         s.vertex = hit.p;
         s.tau = Rgb::ZERO;
@@ -384,7 +408,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         connect::from_surface(self, s, surface, hit.ns, wi);
-        light_centred::connect(self, s, light_centred::Vertex::Surface(surface, hit.ns, wi));
+        let vertex = light_centred::Vertex::Surface(surface, hit.ns, wi);
+        light_centred::connect(self, s, &vertex);
+        beside::score(self, s, &vertex);
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let w = surface.sample(hit.ns, wi, u, v);
         s.pdf_direction = surface.eval_unit(hit.ns, wi, w);

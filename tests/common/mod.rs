@@ -8,6 +8,7 @@ use std::path::Path;
 use tyndall::math::Rgb;
 use tyndall::params::ParamSet;
 use tyndall::render::driver::{Job, Mode, Outcome};
+use tyndall::render::plan::Terms;
 use tyndall::scene::Scene;
 use tyndall::scene::SceneDesc;
 use tyndall::scene::compile::LoadOptions;
@@ -53,7 +54,19 @@ pub fn estimate(o: &Outcome, layer: usize) -> Estimate {
 
 pub fn job<'a>(scene: &'a Scene, spp: u64, seed: u64, mode: Mode<'a>) -> Job<'a> {
     let crop = scene.films[0].part.crop;
-    Job { scene, sensor: 0, crop, spp, seed, mode, max_time: None, target_error: None, stop: None }
+    Job {
+        scene,
+        sensor: 0,
+        crop,
+        spp,
+        seed,
+        mode,
+        terms: Terms::ALL,
+        split: false,
+        max_time: None,
+        target_error: None,
+        stop: None,
+    }
 }
 
 pub fn run(scene: &Scene, spp: u64, seed: u64, mode: Mode) -> Outcome {
@@ -82,4 +95,57 @@ pub fn check(name: &str, e: &Estimate, truth: f64, precision: f64) {
     assert!(z.abs() <= 4.5, "{name}: {} +- {}, truth {truth}, z {z}", e.value[0], e.error[0]);
     let relative = e.error[0] / truth.abs().max(1e-300);
     assert!(truth == 0.0 || relative <= precision, "{name}: standard error {relative} of the value, asked {precision}");
+}
+
+/// Derivatives of the mean pixel against central differences with common random numbers. 5 s.e., false alarm 6e-7 a comparison.
+pub fn against_differences(text: &str, wrt: &[(&str, f64)], terms: &[&str], spp: u64, slack: f64) {
+    let (desc, sc) = scene(text);
+    let names: Vec<&str> = wrt.iter().map(|w| w.0).collect();
+    let p = params(&desc, &sc, &names);
+    let terms: Vec<String> = terms.iter().map(|s| s.to_string()).collect();
+    let terms = Terms::parse(&terms).unwrap();
+    let f = Job { terms, ..job(&sc, spp, 3, Mode::Forward(&p)) }.run(&|_| {}).unwrap();
+    for (k, (name, h)) in wrt.iter().enumerate() {
+        let x = desc.params.iter().find(|q| q.name == *name).unwrap().value;
+        // Independent seeds for the error of the difference under common random numbers.
+        let runs: Vec<[f64; 3]> = (0..8)
+            .map(|seed| {
+                let side = |s: f64| {
+                    let (_, sc) = scene_with(text, &[(name, &format!("{}", x + s * h))]);
+                    estimate(&run(&sc, spp / 8, 100 + seed, Mode::Picture), 0).value
+                };
+                let (a, b) = (side(1.0), side(-1.0));
+                std::array::from_fn(|c| (a[c] - b[c]) / (2.0 * h))
+            })
+            .collect();
+        let d: Estimate = estimate(&f, k + 1);
+        for c in 0..3 {
+            let m: tyndall::math::stats::Moments = runs.iter().map(|r| r[c]).collect();
+            let (fd, se) = (m.mean, m.standard_error().hypot(d.error[c]));
+            println!(
+                "{name} {c}: {:.6} +- {:.6} fd {fd:.6} +- {:.6} z {:.2}",
+                d.value[c],
+                d.error[c],
+                m.standard_error(),
+                (d.value[c] - fd) / se
+            );
+            assert!(
+                (d.value[c] - fd).abs() <= 5.0 * se + slack * fd.abs(),
+                "{name} channel {c}: {} vs {fd} +- {se}",
+                d.value[c]
+            );
+        }
+    }
+}
+
+/// Derivatives of the mean pixel, of chosen terms.
+pub fn derivatives(text: &str, wrt: &[&str], terms: &[&str], spp: u64) -> Vec<Estimate> {
+    let (desc, sc) = scene(text);
+    let p = params(&desc, &sc, wrt);
+    let names: Vec<String> = terms.iter().map(|s| s.to_string()).collect();
+    let mut job = job(&sc, spp, 1, Mode::Forward(&p));
+    job.terms = Terms::parse(&names).unwrap();
+    let o = job.run(&|_| {}).unwrap();
+    assert_eq!(o.film.health.biasing(), 0, "health");
+    (0..wrt.len()).map(|k| estimate(&o, k + 1)).collect()
 }

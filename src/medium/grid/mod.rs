@@ -252,6 +252,14 @@ impl Grid {
         }
     }
 
+    /// World-space normal (any length) of the face of the grid's box nearest to a point.
+    pub fn border_normal(&self, p_world: DVec3) -> DVec3 {
+        let q = self.table_from_world.transform_point3(p_world);
+        let far = (q - self.lo).abs().min((q - self.hi).abs()) / (self.hi - self.lo);
+        let axis = (0..3).fold(0, |a, b| if far[b] < far[a] { b } else { a });
+        self.table_from_world.matrix3.row(axis)
+    }
+
     /// World-space gradient of the same interpolant (channel 0): one-sided at cell faces, 0 with `Filter::Nearest`.
     pub fn gradient(&self, p_world: DVec3) -> DVec3 {
         self.gradient3(p_world)[0]

@@ -1,0 +1,138 @@
+//! Edges of shapes and the faces that meet in them: where silhouettes can be.
+//!
+//! Vertices are welded ([`super::Topology`]) first: files store triangles as soup. Faces without area have no edges.
+
+use super::{Cube, Rectangle, Shape, TriangleMesh};
+use crate::math::DVec3;
+
+/// An edge: two ends and its faces, each with a point of the face off the edge.
+#[derive(Clone, Debug)]
+pub struct Edge {
+    pub a: DVec3,
+    pub b: DVec3,
+    pub sides: Vec<Side>,
+}
+
+/// A face at an edge.
+#[derive(Clone, Copy, Debug)]
+pub struct Side {
+    pub face: u32,
+    /// A corner of the face that is not on the edge.
+    pub corner: DVec3,
+}
+
+impl Edge {
+    /// Which side of the plane through the edge that contains `normal`'s complement its faces lie on: the sign of
+    /// `<normal, corner - a>` common to all of them, and 0 where they disagree, so that the edge is no silhouette.
+    ///
+    /// One rule for closed and open meshes, whatever their orientation, and for edges of any number of faces ([T] 2.1, rules 1 and 2).
+    pub fn covered_side(&self, normal: DVec3) -> f64 {
+        let mut common = 0.0;
+        for s in &self.sides {
+            let d = normal.dot(s.corner - self.a);
+            if d == 0.0 || d * common < 0.0 {
+                return 0.0;
+            }
+            common = d.signum();
+        }
+        common
+    }
+}
+
+/// Edges of a shape made of flat faces; none for curved ones.
+pub fn edges(shape: &Shape) -> Vec<Edge> {
+    match shape {
+        Shape::Mesh(m) => mesh(m),
+        Shape::Rectangle(r) => polygons(&[rectangle(r)]),
+        Shape::Cube(c) => polygons(&cube(c)),
+        Shape::Sphere(_) | Shape::Disk(_) => Vec::new(),
+    }
+}
+
+fn rectangle(r: &Rectangle) -> [DVec3; 4] {
+    [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| r.placement.point(DVec3::new(x, y, 0.0)))
+}
+
+/// Corners of the six faces, each in order around it.
+fn cube(c: &Cube) -> [[DVec3; 4]; 6] {
+    std::array::from_fn(|face| {
+        let (axis, side) = (face / 2, if face % 2 == 1 { 1.0 } else { -1.0 });
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| {
+            let mut p = DVec3::ZERO;
+            (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (side, x, y);
+            c.placement.point(p)
+        })
+    })
+}
+
+/// Edges of polygons that share corners exactly.
+fn polygons(faces: &[[DVec3; 4]]) -> Vec<Edge> {
+    let mut out: Vec<Edge> = Vec::new();
+    for (face, corners) in faces.iter().enumerate() {
+        for k in 0..4 {
+            let (a, b) = (corners[k], corners[(k + 1) % 4]);
+            let side = Side { face: face as u32, corner: corners[(k + 2) % 4] };
+            match out.iter_mut().find(|e| (e.a, e.b) == (a, b) || (e.a, e.b) == (b, a)) {
+                Some(e) => e.sides.push(side),
+                None => out.push(Edge { a, b, sides: vec![side] }),
+            }
+        }
+    }
+    out
+}
+
+fn mesh(m: &TriangleMesh) -> Vec<Edge> {
+    let weld = &m.topology().weld;
+    // (welded ends, stored ends, face, corner)
+    let mut halves: Vec<([u32; 2], [u32; 2], u32, u32)> = Vec::with_capacity(3 * m.faces.len());
+    for (face, f) in m.faces.iter().enumerate() {
+        let w = f.map(|v| weld[v as usize]);
+        if m.is_degenerate(face as u32) || w[0] == w[1] || w[1] == w[2] || w[2] == w[0] {
+            continue;
+        }
+        for k in 0..3 {
+            let (i, j) = (k, (k + 1) % 3);
+            let (i, j) = if w[i] < w[j] { (i, j) } else { (j, i) };
+            halves.push(([w[i], w[j]], [f[i], f[j]], face as u32, f[(k + 2) % 3]));
+        }
+    }
+    halves.sort_unstable();
+    let point = |v: u32| m.vertices[v as usize];
+    let edge = |group: &[([u32; 2], [u32; 2], u32, u32)]| Edge {
+        a: point(group[0].1[0]),
+        b: point(group[0].1[1]),
+        sides: group.iter().map(|h| Side { face: h.2, corner: point(h.3) }).collect(),
+    };
+    halves.chunk_by(|x, y| x.0 == y.0).map(edge).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::DAffine3;
+
+    #[test]
+    fn a_cube_has_twelve_edges_and_six_silhouettes_from_a_corner() {
+        let c = Shape::Cube(Cube::new(DAffine3::IDENTITY, false).unwrap());
+        let e = edges(&c);
+        assert_eq!(e.len(), 12);
+        assert!(e.iter().all(|e| e.sides.len() == 2));
+        let p = DVec3::new(5.0, 6.0, 7.0);
+        let silhouettes = e.iter().filter(|e| e.covered_side((e.a - p).cross(e.b - p)) != 0.0).count();
+        assert_eq!(silhouettes, 6);
+        // In front of one face: its own four edges.
+        let p = DVec3::new(0.1, 0.2, 3.0);
+        assert_eq!(e.iter().filter(|e| e.covered_side((e.a - p).cross(e.b - p)) != 0.0).count(), 4);
+    }
+
+    #[test]
+    fn soup_is_welded_and_flat_edges_are_none() {
+        // A square of two triangles as soup: the diagonal is an edge of both and never a silhouette.
+        let (a, b, c, d) = (DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y);
+        let m = TriangleMesh::new(vec![a, b, c, a, c, d], vec![[0, 1, 2], [3, 4, 5]], None, None).unwrap();
+        let e = edges(&Shape::Mesh(m));
+        assert_eq!(e.len(), 5);
+        let p = DVec3::new(0.3, 0.4, 2.0);
+        assert_eq!(e.iter().filter(|e| e.covered_side((e.a - p).cross(e.b - p)) != 0.0).count(), 4);
+    }
+}

@@ -1,0 +1,134 @@
+//! The hard edge of a spot's cone moves: term H of [T] section 3 ([T] 5.3, (62c)).
+//!
+//! The cone `<u,d> = cos θ |u|`, u = y - p, is a sheet like a shadow's, with nothing standing on its rays: n = (d - cos θ u/ρ) / sin θ
+//! toward the axis and `v_n = <n,ṗ> - <u,ḋ>/sin θ - ρ θ̇`.
+
+use super::sheet::{Grazed, Partials, Ray, Reach};
+use super::sheet_samples::{self, Found};
+use super::{Context, LightMotion, Motion, Partial, Room, Sample};
+use crate::light::{LightKind, Place};
+use crate::math::discrete::Discrete;
+use crate::math::rng::Rng;
+use crate::math::{DVec3, warp};
+use crate::scene::Scene;
+use crate::sensor::Sensor;
+use std::f64::consts::TAU;
+
+pub const NAME: &str = "hard_profile";
+
+pub struct HardProfile {
+    cones: Vec<Cone>,
+    table: Discrete,
+    reach: Reach,
+}
+
+struct Cone {
+    light: u32,
+    apex: DVec3,
+    axis: DVec3,
+    /// Half angle.
+    sin: f64,
+    cos: f64,
+    place: Place,
+    motion: LightMotion,
+}
+
+impl HardProfile {
+    /// Every spot with a hard edge that moves in any way; `None` if there is none.
+    pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<HardProfile> {
+        let cone = |(i, (l, m)): (usize, (&crate::light::Light, &LightMotion))| match l.kind {
+            LightKind::Spot { position, axis, beam, cutoff }
+                if beam >= cutoff && (m.position || m.direction || m.angles) =>
+            {
+                let (sin, cos) = cutoff.sin_cos();
+                Some(Cone { light: i as u32, apex: position, axis, sin, cos, place: l.place, motion: *m })
+            }
+            _ => None,
+        };
+        let cones: Vec<Cone> = scene.lights.iter().zip(&motion.lights).enumerate().filter_map(cone).collect();
+        let power = |c: &Cone| scene.lights[c.light as usize].value.max().max(f64::MIN_POSITIVE);
+        let table = Discrete::new(cones.iter().map(power));
+        (!cones.is_empty()).then(|| HardProfile { cones, table, reach: Reach::new(scene, sensor) })
+    }
+}
+
+impl Cone {
+    fn ray(&self, w: DVec3) -> Ray {
+        // The normal lies in the plane of axis and ray: rebuilt from what is across the axis, it is exact at any distance.
+        let m = (w - self.axis * w.dot(self.axis)).normalize();
+        let w = self.axis * self.cos + m * self.sin;
+        Ray {
+            light: self.light,
+            origin: self.apex,
+            w,
+            near: 0.0,
+            n: self.axis * self.sin - m * self.cos,
+            across: 1.0 / (TAU * self.sin),
+            distant: false,
+            crossed: true,
+            profile: true,
+        }
+    }
+
+    /// `-v_n`. With beam width = cutoff, each of the two angles moves the edge by half.
+    fn motion(&self, ray: &Ray, rho: f64) -> Partials {
+        let mut p = Partials::default();
+        if self.motion.position {
+            p.push(Partial { slot: self.place.position, v: -ray.n, len: 3 });
+        }
+        if self.motion.direction {
+            p.push(Partial { slot: self.place.direction, v: ray.w * (rho / self.sin), len: 3 });
+        }
+        if self.motion.angles {
+            p.push(Partial { slot: self.place.angles, v: DVec3::new(0.5 * rho, 0.5 * rho, 0.0), len: 2 });
+        }
+        p
+    }
+
+    /// Abscissae of a line on the cone, its mirrored nappe left out.
+    fn crossings(&self, o: DVec3, w: DVec3) -> impl Iterator<Item = (f64, DVec3)> {
+        let (u, axis, c2) = (o - self.apex, self.axis, self.cos * self.cos);
+        let (ud, wd) = (u.dot(axis), w.dot(axis));
+        let q = [wd * wd - c2, 2.0 * (ud * wd - c2 * u.dot(w)), ud * ud - c2 * u.length_squared()];
+        let front = self.cos >= 0.0;
+        super::outline::quadratic(q).map(move |t| (t, u + w * t)).filter(move |(_, y)| (y.dot(axis) > 0.0) == front)
+    }
+}
+
+impl Room for HardProfile {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        if cx.set.max_depth <= 1 {
+            return;
+        }
+        let mut spans = Vec::new();
+        sheet_samples::camera_spans(cx, film, &mut spans);
+        for k in 1..=spans.len() {
+            let (spans, span) = (&spans[..k], &spans[k - 1]);
+            for (i, cone) in self.cones.iter().enumerate() {
+                for (t, u) in cone.crossings(span.o, span.w) {
+                    let rho = u.length();
+                    if t > 0.0 && t < span.t1 && rho > 0.0 {
+                        let ray = cone.ray(u / rho);
+                        let ray = Ray { across: ray.across * self.table.probability(i), ..ray };
+                        let found = Found { spans, t, ray, rho, grazed: Grazed::NOTHING };
+                        sheet_samples::crossing(cx, &self.reach, &found, &cone.motion(&ray, rho), rng, emit);
+                    }
+                }
+            }
+        }
+    }
+
+    fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        let (k, probability, u) = self.table.sample(rng.uniform());
+        let cone = &self.cones[k];
+        let (x, y) = warp::frame(cone.axis);
+        let (s, c) = (TAU * u).sin_cos();
+        let ray = cone.ray(cone.axis * cone.cos + (x * c + y * s) * cone.sin);
+        let ray = Ray { across: ray.across * probability, ..ray };
+        sheet_samples::outward(cx, &self.reach, &ray, Grazed::NOTHING, |ray, rho| cone.motion(ray, rho), rng, emit);
+    }
+}

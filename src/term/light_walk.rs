@@ -1,0 +1,336 @@
+//! What scatters from a point of a sheet reaches the picture: straight to the camera, through a vertex on a camera ray, and
+//! through further scatterings of a walk away from the light.
+//!
+//! Estimates the incident importances `P^p`, `P^s` of [T] (36). From each vertex z two techniques make the path z, y, camera with y in a medium:
+//! (a) the walk scatters at y and connects it to the camera, with a pole at the camera; (b) y is drawn on a random camera ray by the angle
+//! that it subtends at z, with a pole at z. The balance heuristic of both bounds both [T] (63).
+
+use super::sheet::Reach;
+use super::{Context, Partial, Sample};
+use crate::light::{Arrival, Emission};
+use crate::math::equiangular::EquiAngular;
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb, warp};
+use crate::phase::one_minus_cos;
+use crate::scene::{Hit, On, Scene};
+use crate::sensor::Projected;
+use crate::surface::Surface;
+use crate::transport::record::{MediumSpan, NoRecord};
+use crate::transport::tracking;
+use crate::transport::transmit;
+use crate::transport::walk::{State, Walker};
+use std::f64::consts::PI;
+
+/// Where something arrives along `w` and scatters.
+#[derive(Clone, Copy, Debug)]
+pub struct Vertex {
+    pub p: DVec3,
+    /// Direction of travel on arrival, away from the light.
+    pub w: DVec3,
+    pub medium: Option<u32>,
+    /// On a surface, or in the medium.
+    pub hit: Option<Hit>,
+}
+
+impl Vertex {
+    pub fn on(&self) -> On {
+        self.hit.as_ref().map_or_else(On::default, On::at)
+    }
+
+    /// Scattering toward `d` per solid angle of d, cosines of both sides included (importance: the light's side counts by the shading
+    /// normal, as on a path from the camera, everything else by the geometric one). Without the medium's σ_s.
+    pub fn scatter(&self, scene: &Scene, d: DVec3) -> Rgb {
+        match &self.hit {
+            None => {
+                let Some(id) = self.medium else { return Rgb::ZERO };
+                Rgb::splat(scene.media[id as usize].phase.eval(one_minus_cos(self.w, d)))
+            }
+            Some(h) => {
+                let Surface::Diffuse { reflectance, .. } = surface(scene, h) else { return Rgb::ZERO };
+                let l = -self.w;
+                let (cl, cd) = (h.n.dot(l), h.n.dot(d));
+                if cl * cd <= 0.0 {
+                    return Rgb::ZERO;
+                }
+                *reflectance * (surface(scene, h).eval_unit(h.ns, d, l) * (cd / cl))
+            }
+        }
+    }
+
+    /// A direction to go on in, with `scatter / density`, and the density per solid angle.
+    fn sample(&self, scene: &Scene, u: f64, v: f64) -> Option<(DVec3, Rgb, f64)> {
+        match &self.hit {
+            None => {
+                let (d, m) = scene.media[self.medium? as usize].phase.sample(self.w, u, v);
+                Some((d, Rgb::ONE, scene.media[self.medium? as usize].phase.eval(m)))
+            }
+            Some(h) => {
+                let side = if h.n.dot(self.w) < 0.0 { h.n } else { -h.n };
+                let d = warp::to_world(side, warp::cosine_hemisphere(u, v)).normalize();
+                let density = side.dot(d) / PI;
+                (density > 0.0).then(|| (d, self.scatter(scene, d) / density, density))
+            }
+        }
+    }
+}
+
+fn surface<'a>(scene: &'a Scene, h: &Hit) -> &'a Surface {
+    &scene.surfaces[scene.shapes[h.shape as usize].surface as usize]
+}
+
+/// Transmittance of the clear way from `p` along `w`; `None` where something stands in it.
+pub fn clear(
+    cx: &mut Context,
+    p: DVec3,
+    w: DVec3,
+    distance: f64,
+    medium: Option<u32>,
+    on: &On,
+    to_surface: bool,
+    rng: &mut Rng,
+) -> Option<Rgb> {
+    let emission = Emission { first: crate::medium::NO_SLOT, per_channel: true, unit: Rgb::ONE, value: Rgb::ONE };
+    // A way that ends on a surface stops a rounding short of it.
+    let a = Arrival { w, distance, factor: 1.0, emission, pdf: 0.0, target: to_surface.then_some(0) };
+    let mut rec = NoRecord;
+    let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
+    let t = transmit::shadow(&mut walker, rng, medium, p, on, &a);
+    cx.tally.missed_boundary += walker.tally.missed_boundary;
+    t.map(|t| t.0)
+}
+
+/// `scatter x film area x transmittance` of a vertex seen by the camera.
+pub fn seen(cx: &mut Context, z: &Vertex, q: &Projected, rng: &mut Rng) -> Option<Rgb> {
+    let f = z.scatter(cx.scene, -q.w) * q.pixels_per_area;
+    if f.is_zero() {
+        return None;
+    }
+    Some(f * clear(cx, z.p, -q.w, q.distance, z.medium, &z.on(), false, rng)?)
+}
+
+/// The walk and its connections.
+pub struct LightWalk<'a> {
+    pub reach: &'a Reach,
+    pub partials: &'a [Partial],
+}
+
+impl LightWalk<'_> {
+    /// Everything that `weight` at the vertex brings to the picture, its own direct way to the camera excepted. Scatterings so far: 1.
+    pub fn run(&self, cx: &mut Context, z: Vertex, weight: Rgb, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        let (scene, set) = (cx.scene, cx.set);
+        let mut z = z;
+        let mut s = State::new(*rng, z.p, z.w, z.medium);
+        s.beta = weight;
+        s.start = weight.abs().max();
+        s.depth = 1;
+        if s.start == 0.0 || !s.start.is_finite() {
+            return;
+        }
+        while s.depth + 1 < set.max_depth {
+            self.through_a_camera_ray(cx, &z, s.beta / s.r.mean(), &mut s.rng, emit);
+            let (u, v) = (s.rng.uniform(), s.rng.uniform());
+            let Some((w, f, density)) = z.sample(scene, u, v) else { break };
+            s.beta *= f;
+            if self.roulette(&mut s, set.rr_depth) {
+                break;
+            }
+            (s.o, s.w, s.on, s.medium) = (z.p, w, z.on(), z.medium);
+            let from = z.p;
+            let Some((next, flight)) = fly(cx, &mut s) else { break };
+            s.depth += 1;
+            // Straight to the camera.
+            if let Some(q) = cx.sensor.project(next.p).filter(|q| cx.on_film(q.film)) {
+                let share = match flight {
+                    Some(flight) => {
+                        let a = density * flight / (next.p - from).length_squared();
+                        let b = self.camera_ray_density(cx, from, &q);
+                        if a + b > 0.0 { a / (a + b) } else { 1.0 }
+                    }
+                    None => 1.0,
+                };
+                let mut stream = s.rng;
+                let seen = seen(cx, &next, &q, &mut stream);
+                s.rng = stream;
+                if let Some(f) = seen {
+                    self.emit(q.film, s.beta / s.r.mean() * f * share, emit);
+                }
+            }
+            z = next;
+        }
+        *rng = s.rng;
+    }
+
+    fn emit(&self, film: [f64; 2], flux: Rgb, emit: &mut dyn FnMut(&Sample)) {
+        emit(&Sample { film, flux, partials: self.partials, film_per_sheet: 0.0, outward: 1.0 });
+    }
+
+    /// True where the walk ends. As on camera paths: from a fifth of the start weight on.
+    fn roulette(&self, s: &mut State, rr_depth: u32) -> bool {
+        const BEGIN: f64 = 0.2;
+        let weight = (s.beta / s.r.mean()).abs().max();
+        if weight == 0.0 {
+            return true;
+        }
+        let q = weight / (BEGIN * s.start);
+        if s.depth < rr_depth || q >= 1.0 {
+            return false;
+        }
+        s.beta *= 1.0 / q;
+        s.rng.uniform() >= q
+    }
+
+    /// Density per volume of technique (b) at the point that `q` projects, for a walk vertex at `z`.
+    fn camera_ray_density(&self, cx: &Context, z: DVec3, q: &Projected) -> f64 {
+        let Some((lo, hi)) = self.reach.clip(q.o, q.w, 0.0, f64::INFINITY) else { return 0.0 };
+        let t = EquiAngular::new(z, q.o, q.w, lo, hi);
+        if !t.usable() || q.distance < lo || q.distance > hi {
+            return 0.0;
+        }
+        let size = cx.film_size();
+        q.pixels_per_area / (size[0] * size[1]) * t.density(q.distance)
+    }
+
+    /// Technique (b).
+    fn through_a_camera_ray(
+        &self,
+        cx: &mut Context,
+        z: &Vertex,
+        weight: Rgb,
+        rng: &mut Rng,
+        emit: &mut dyn FnMut(&Sample),
+    ) {
+        let scene = cx.scene;
+        if scene.media.is_empty() {
+            return;
+        }
+        let size = cx.film_size();
+        let film = [rng.uniform() * size[0] - cx.margin, rng.uniform() * size[1] - cx.margin];
+        let u = rng.uniform();
+        let (o, w) = cx.sensor.ray(film[0], film[1]);
+        let Some((lo, hi)) = self.reach.clip(o, w, 0.0, f64::INFINITY) else { return };
+        let distances = EquiAngular::new(z.p, o, w, lo, hi);
+        if !distances.usable() {
+            return;
+        }
+        let t = distances.sample(u);
+        let y = o + w * t;
+        let Some(q) = cx.sensor.project(y) else { return };
+        let to_z = z.p - y;
+        let d = to_z.length();
+        if d.is_nan() || d <= 0.0 {
+            return;
+        }
+        let dz = to_z / d;
+        let f = z.scatter(scene, -dz);
+        if f.is_zero() {
+            return;
+        }
+        let Some((span, transmittance)) = camera_span(cx, o, w, t, rng) else { return };
+        let m = &scene.media[span.medium as usize];
+        let sigma_s = m.coefficients(y).1;
+        if sigma_s.is_zero() {
+            return;
+        }
+        let per_volume = q.pixels_per_area / (size[0] * size[1]) * distances.density(t);
+        let Some(way) = clear(cx, y, dz, d, Some(span.medium), &On::default(), z.hit.is_some(), rng) else { return };
+        let a = self.walk_density(cx, z, -dz, d);
+        // Film area cancels against the density of the film point.
+        let phase = m.phase.eval(one_minus_cos(w, dz));
+        let flux =
+            weight * f * sigma_s * transmittance * way * (phase * q.pixels_per_area / (d * d) / (per_volume + a));
+        self.emit(film, flux, emit);
+    }
+
+    /// Density per volume of technique (a) at the distance `d` along `w` from a vertex.
+    fn walk_density(&self, cx: &Context, z: &Vertex, w: DVec3, d: f64) -> f64 {
+        let scene = cx.scene;
+        let direction = match &z.hit {
+            None => z.medium.map_or(0.0, |id| scene.media[id as usize].phase.eval(one_minus_cos(z.w, w))),
+            Some(h) => {
+                let side = if h.n.dot(z.w) < 0.0 { h.n } else { -h.n };
+                side.dot(w).max(0.0) / PI
+            }
+        };
+        direction * flight_density(cx, z, w, d) / (d * d)
+    }
+}
+
+/// The medium span of a camera ray that holds the abscissa `t`, and the transmittance up to there.
+fn camera_span(cx: &mut Context, o: DVec3, w: DVec3, t: f64, rng: &mut Rng) -> Option<(MediumSpan, Rgb)> {
+    let scene = cx.scene;
+    let (mut o, mut on, mut medium, mut before) = (o, On::default(), cx.sensor.medium, 0.0);
+    let mut transmittance = Rgb::ONE;
+    for _ in 0..scene.max_interfaces {
+        let hit = scene.intersect(o, w, f64::INFINITY, &on, medium);
+        let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+        let holds = before + t1 >= t;
+        if let Some(id) = medium {
+            let end = if holds { (t - before).max(0.0) } else { t1 };
+            let span = MediumSpan { medium: id, o, w, t0: 0.0, t1: end };
+            transmittance *= transmit::one_span(scene, &span, rng);
+            if holds {
+                return Some((MediumSpan { t1, ..span }, transmittance));
+            }
+        }
+        let h = hit?;
+        let shape = &scene.shapes[h.shape as usize];
+        if holds || !scene.surfaces[shape.surface as usize].is_null() {
+            return None;
+        }
+        medium = shape.medium_behind(w, h.n, medium);
+        on = on.crossed(&h, scene.tolerance(h.p));
+        o = h.p;
+        before += h.t;
+    }
+    cx.tally.missed_boundary += 1;
+    None
+}
+
+/// A stand-in for the density per length of a collision at the distance `d`: that of the vertex's own medium, for weights only.
+/// It has to be the same function whichever technique asks, so it looks at nothing but vertex, direction and distance.
+fn flight_density(cx: &Context, z: &Vertex, w: DVec3, d: f64) -> f64 {
+    let scene = cx.scene;
+    let medium = z.medium.or_else(|| (0..scene.media.len() as u32).next());
+    let Some(id) = medium else { return 0.0 };
+    let span = MediumSpan { medium: id, o: z.p, w, t0: 0.0, t1: f64::INFINITY };
+    let m = &scene.media[id as usize];
+    match m.density_grid() {
+        Some(g) => {
+            let (lo, hi) = g.clip_ray(span.o, span.w, 0.0, f64::INFINITY);
+            if hi > lo && hi < f64::INFINITY { 1.0 / (hi - lo) } else { 1.0 / (1.0 + d) }
+        }
+        None => tracking::flight_density(m, &span, d),
+    }
+}
+
+/// To the next collision or reflecting surface, with the stand-in density of a collision; weights in `s`.
+fn fly(cx: &mut Context, s: &mut State) -> Option<(Vertex, Option<f64>)> {
+    let scene = cx.scene;
+    let start = Vertex { p: s.o, w: s.w, medium: s.medium, hit: None };
+    let mut before = 0.0;
+    for _ in 0..scene.max_interfaces {
+        let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
+        if let Some(id) = s.medium {
+            let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+            let span = MediumSpan { medium: id, o: s.o, w: s.w, t0: 0.0, t1 };
+            if let Some(t) = tracking::fly(&scene.media[id as usize], &span, s) {
+                let p = s.o + s.w * t;
+                let density = flight_density(cx, &start, s.w, before + t);
+                return Some((Vertex { p, w: s.w, medium: Some(id), hit: None }, Some(density)));
+            }
+        }
+        let h = hit?;
+        let shape = &scene.shapes[h.shape as usize];
+        let surface = &scene.surfaces[shape.surface as usize];
+        if !surface.is_null() {
+            let vertex = Vertex { p: h.p, w: s.w, medium: s.medium, hit: Some(h) };
+            return surface.reflects(h.ns, -s.w).then_some((vertex, None));
+        }
+        s.medium = shape.medium_behind(s.w, h.n, s.medium);
+        s.on = s.on.crossed(&h, scene.tolerance(h.p));
+        s.o = h.p;
+        before += h.t;
+    }
+    cx.tally.missed_boundary += 1;
+    None
+}

@@ -1,0 +1,182 @@
+//! Samples of a sheet by its two techniques: where a camera ray crosses it, and from its source outward.
+
+use super::light_walk::{LightWalk, Vertex, seen};
+use super::sheet::{Grazed, Partials, Ray, Reach};
+use super::{Context, Sample};
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
+use crate::phase::one_minus_cos;
+use crate::scene::{Hit, On, Scene};
+use crate::transport::record::{MediumSpan, NoRecord};
+use crate::transport::transmit;
+use crate::transport::walk::Walker;
+
+/// Irradiance across the ray on the lit side of a sheet at `y`; whether the light gets there is known.
+fn irradiance(cx: &mut Context, ray: &Ray, y: DVec3, medium: Option<u32>, on: &On, rng: &mut Rng) -> Option<Rgb> {
+    let light = &cx.scene.lights[ray.light as usize];
+    let a = match ray.profile {
+        // On the very edge rounding decides what the profile is.
+        true => light.along(ray.origin - y),
+        false => light.sample(y, 0.0, 0.0)?,
+    };
+    let mut rec = NoRecord;
+    let mut w = Walker::new(cx.scene, cx.set, &mut rec);
+    let (t, _) = transmit::through(&mut w, rng, medium, y, on, &a)?;
+    cx.tally.missed_boundary += w.tally.missed_boundary;
+    Some(t * a.emission.color() * a.factor)
+}
+
+/// Nearest surface on a ray of a sheet; `None` if something stands before the sheet begins.
+fn receiver(scene: &Scene, ray: &Ray, grazed: Grazed) -> Option<Option<Hit>> {
+    let hit = scene.opaque_past(ray.origin, ray.w, f64::INFINITY, grazed.shape, grazed.faces);
+    if ray.distant {
+        // Behind the outline the way to the light has to be clear too.
+        let blocked = scene.blocked_past(ray.origin, -ray.w, f64::INFINITY, grazed.shape, grazed.faces);
+        return (!blocked).then_some(hit);
+    }
+    match hit {
+        Some(h) if h.t <= ray.near => None,
+        h => Some(h),
+    }
+}
+
+/// Whether the light reaches the point at `rho`.
+pub fn is_lit(scene: &Scene, ray: &Ray, rho: f64, grazed: Grazed) -> bool {
+    let clear = !scene.blocked_past(ray.origin, ray.w, rho, grazed.shape, grazed.faces);
+    clear && (!ray.distant || !scene.blocked_past(ray.origin, -ray.w, f64::INFINITY, grazed.shape, grazed.faces))
+}
+
+/// The medium spans of a camera ray in order, up to the first opaque surface.
+pub fn camera_spans(cx: &mut Context, film: [f64; 2], spans: &mut Vec<MediumSpan>) {
+    let scene = cx.scene;
+    spans.clear();
+    let (mut o, w) = cx.sensor.ray(film[0], film[1]);
+    let (mut on, mut medium) = (On::default(), cx.sensor.medium);
+    for _ in 0..scene.max_interfaces {
+        let hit = scene.intersect(o, w, f64::INFINITY, &on, medium);
+        if let Some(id) = medium {
+            let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+            spans.push(MediumSpan { medium: id, o, w, t0: 0.0, t1 });
+        }
+        let Some(h) = hit else { return };
+        let shape = &scene.shapes[h.shape as usize];
+        if !scene.surfaces[shape.surface as usize].is_null() {
+            return;
+        }
+        medium = shape.medium_behind(w, h.n, medium);
+        on = on.crossed(&h, scene.tolerance(h.p));
+        o = h.p;
+    }
+    cx.tally.missed_boundary += 1;
+}
+
+/// A crossing of the last of `spans` with a sheet, at the abscissa `t` of the span and `rho` of the sheet's ray.
+pub struct Found<'a> {
+    pub spans: &'a [MediumSpan],
+    pub t: f64,
+    pub ray: Ray,
+    pub rho: f64,
+    pub grazed: Grazed<'a>,
+}
+
+/// What the crossing adds to the film point that its camera ray came from [T] (35); `partials` = -v_n.
+pub fn crossing(
+    cx: &mut Context,
+    reach: &Reach,
+    c: &Found,
+    partials: &Partials,
+    rng: &mut Rng,
+    emit: &mut dyn FnMut(&Sample),
+) {
+    let scene = cx.scene;
+    let Some((span, before)) = c.spans.split_last() else { return };
+    let y = span.o + span.w * c.t;
+    let m = &scene.media[span.medium as usize];
+    let sigma_s = m.coefficients(y).1;
+    if sigma_s.is_zero() || !is_lit(scene, &c.ray, c.rho, c.grazed) {
+        return;
+    }
+    let Some(q) = cx.sensor.project(y) else { return };
+    let Some(e) = irradiance(cx, &c.ray, y, Some(span.medium), &On::default(), rng) else { return };
+    let part = MediumSpan { t1: c.t, ..*span };
+    let transmittance = before.iter().chain([&part]).fold(Rgb::ONE, |t, s| t * transmit::one_span(scene, s, rng));
+    let f = m.phase.eval(one_minus_cos(span.w, -c.ray.w));
+    emit(&Sample {
+        film: q.film,
+        flux: transmittance * sigma_s * e * (f * q.pixels_per_area),
+        partials: partials.as_slice(),
+        film_per_sheet: q.pixels_per_area * c.ray.n.dot(span.w).abs(),
+        outward: c.ray.across * reach.density(&c.ray, c.rho) / c.ray.spread(c.rho),
+    });
+}
+
+/// A point of the sheet's ray in a medium, and the surface at its end: straight to the camera, and one of them by way of further
+/// scatterings [T] (36). `motion` gives -v_n.
+pub fn outward(
+    cx: &mut Context,
+    reach: &Reach,
+    ray: &Ray,
+    grazed: Grazed,
+    motion: impl Fn(&Ray, f64) -> Partials,
+    rng: &mut Rng,
+    emit: &mut dyn FnMut(&Sample),
+) {
+    let scene = cx.scene;
+    let u = rng.uniform();
+    let Some(end) = receiver(scene, ray, grazed) else { return };
+    let limit = end.as_ref().map_or(f64::INFINITY, |h| h.t);
+    let within = cx.set.max_depth > 1;
+    let mut starts: [Option<(Vertex, Rgb, f64)>; 2] = [None, None];
+
+    let point = reach.sample(ray, u).filter(|p| p.0 < limit);
+    if let Some((rho, density)) = point {
+        let y = ray.at(rho);
+        let toward = if ray.distant { -ray.w } else { ray.origin - y };
+        let on = On::default();
+        let medium = scene.medium_toward(y, toward.normalize(), &on, cx.sensor.medium);
+        let e = irradiance(cx, ray, y, medium, &on, rng);
+        if let (Some(id), Some(e)) = (medium, e) {
+            let z = Vertex { p: y, w: ray.w, medium, hit: None };
+            let flux = e * scene.media[id as usize].coefficients(y).1;
+            let density = ray.across * density / ray.spread(rho);
+            if let Some(q) = cx.sensor.project(y).filter(|q| within && cx.on_film(q.film)) {
+                if let Some(f) = seen(cx, &z, &q, rng) {
+                    let film_per_sheet = if ray.crossed { q.pixels_per_area * ray.n.dot(q.w).abs() } else { 0.0 };
+                    let partials = motion(ray, rho);
+                    let partials = partials.as_slice();
+                    emit(&Sample { film: q.film, flux: flux * f, partials, film_per_sheet, outward: density });
+                }
+            }
+            starts[0] = Some((z, flux / density, rho));
+        }
+    }
+    if let Some(h) = end.filter(|h| scene.reflects(h)) {
+        let on = On::at(&h);
+        let medium = scene.medium_toward(h.p, -ray.w, &on, cx.sensor.medium);
+        if let Some(e) = irradiance(cx, ray, h.p, medium, &on, rng) {
+            let z = Vertex { p: h.p, w: ray.w, medium, hit: Some(h) };
+            let weight = e * (ray.spread(h.t) / ray.across);
+            if let Some(q) = cx.sensor.project(h.p).filter(|q| within && cx.on_film(q.film)) {
+                if let Some(f) = seen(cx, &z, &q, rng) {
+                    let partials = motion(ray, h.t);
+                    let partials = partials.as_slice();
+                    emit(&Sample { film: q.film, flux: weight * f, partials, film_per_sheet: 0.0, outward: 1.0 });
+                }
+            }
+            starts[1] = Some((z, weight, h.t));
+        }
+    }
+
+    // One of them goes on.
+    let size = starts.map(|s| s.map_or(0.0, |(_, weight, _)| weight.abs().max()));
+    let total = size[0] + size[1];
+    if total.is_nan() || total <= 0.0 || cx.set.max_depth <= 2 {
+        return;
+    }
+    let k = usize::from(rng.uniform() * total >= size[0]);
+    if let Some((z, weight, rho)) = starts[k] {
+        let partials = motion(ray, rho);
+        let walk = LightWalk { reach, partials: partials.as_slice() };
+        walk.run(cx, z, weight * (total / size[k]), rng, emit);
+    }
+}

@@ -1,0 +1,241 @@
+//! The motion of zero-measure lights: how a connection from a fixed point y changes when the light at its end moves.
+//!
+//! A connection carries `T(y,p) f(y) I(w_l) / r^2` ([T] (28), (29)). With the light moving, its direction w turns by `ẇ = (ṗ - w<w,ṗ>)/r`
+//! (distant light: `-ḋ`) and its length grows by `ṙ = <w,ṗ>`; the points of the segment move with their share of both. So every
+//! factor hands out a covector on ẇ and a number on ṙ, [T] (31) for any medium:
+//!
+//! * scattering: `f'/f <w_in, ẇ>`, at a surface `<n,ẇ>/<n,w>`;
+//! * intensity of a spot: its slope times `-<axis, ẇ>`;
+//! * inverse square: `-2/r ṙ`;
+//! * optical depth: `σ(p) ṙ + ∫ s <∇σ,ẇ> ds - Σ over borders of Δσ s <n,ẇ>/<n,w>` ([T] (10), (13), (16) with the medium's own source left out).
+//!
+//! All vertices of a path stay where they are. Beside the light that is not integrable (`∂_p r^-2 ~ r^-3`); there
+//! [`super::light_centred::beside`] takes over, and connections of other techniques score no motion.
+
+use super::record::MediumSpan;
+use crate::light::{Arrival, LightKind, spot_falloff};
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb, gradient};
+use crate::medium::{Medium, NO_SLOT, Volume};
+use crate::params::{ParamSet, Sink, Slot};
+use crate::phase::one_minus_cos;
+use crate::scene::{On, Scene};
+
+/// What scatters at the start of a connection.
+#[derive(Clone, Copy, Debug)]
+pub enum Turn {
+    /// Medium, direction of travel on arrival.
+    Phase(u32, DVec3),
+    /// Shading normal.
+    Cosine(DVec3),
+}
+
+/// A connection to a light that moves.
+#[derive(Clone, Copy, Debug)]
+pub struct Aim {
+    pub light: u32,
+    pub y: DVec3,
+    /// Medium and faces at y.
+    pub medium: Option<u32>,
+    pub on: On,
+    /// Unit, toward the light; distance to it, infinite for distant lights.
+    pub w: DVec3,
+    pub distance: f64,
+    pub turn: Turn,
+    /// The homogeneous model beside the light: its position only, without optical depth.
+    pub model: bool,
+    /// For points of line integrals through grids.
+    pub rng: Rng,
+}
+
+impl Aim {
+    pub fn new(light: u32, y: DVec3, medium: Option<u32>, on: On, a: &Arrival, turn: Turn, rng: Rng) -> Self {
+        Aim { light, y, medium, on, w: a.w, distance: a.distance, turn, model: false, rng }
+    }
+}
+
+/// A linear form on a vector, per colour channel.
+#[derive(Clone, Copy, Debug, Default)]
+struct Covector([Rgb; 3]);
+
+impl Covector {
+    fn add(&mut self, v: DVec3, weight: Rgb) {
+        for (x, v) in self.0.iter_mut().zip(v.to_array()) {
+            *x += weight * v;
+        }
+    }
+
+    fn dot(&self, v: DVec3) -> Rgb {
+        self.0[0] * v.x + self.0[1] * v.y + self.0[2] * v.z
+    }
+}
+
+/// Hand the partials of a connection of this `value` to `sink`: position, direction and angles of its light.
+pub fn partials(scene: &Scene, params: &ParamSet, aim: &Aim, value: Rgb, sink: &mut impl Sink) {
+    let light = &scene.lights[aim.light as usize];
+    let place = light.place;
+    let w = aim.w;
+
+    // On ẇ, and on ṙ.
+    let mut turning = Covector::default();
+    let mut growing = Rgb::ZERO;
+    match aim.turn {
+        Turn::Phase(medium, travel) => {
+            let phase = &scene.media[medium as usize].phase;
+            let (f, df) = phase.eval_with_slope(one_minus_cos(travel, w));
+            // d(1-mu) = -<travel, ẇ>
+            turning.add(travel, value * (-df / f));
+        }
+        Turn::Cosine(n) => turning.add(n, value * (1.0 / n.dot(w))),
+    }
+    if !aim.model {
+        let mut rng = aim.rng;
+        let turn = |v, sigma: Rgb| turning.add(v, -(value * sigma));
+        optical_depth(scene, aim, &mut rng, turn, |sigma| growing += -(value * sigma));
+    }
+
+    if let LightKind::Spot { axis, beam, cutoff, .. } = light.kind {
+        let (s, [ds, db, dc]) = gradient([-w.dot(axis), beam, cutoff], |[c, b, k]| spot_falloff(c, b, k));
+        if s > 0.0 {
+            turning.add(axis, value * (-ds / s));
+            if !aim.model {
+                vector(params, place.direction, |k| value * (-ds / s * w[k]), sink);
+                for (slot, d) in [(place.angles, db), (place.angles + 1, dc)] {
+                    if params.is_active(slot) {
+                        sink.add(slot, value * (d / s));
+                    }
+                }
+            }
+        }
+    }
+    match light.kind {
+        LightKind::Point { .. } | LightKind::Spot { .. } => {
+            let r = aim.distance;
+            growing += value * (-2.0 / r);
+            let along = turning.dot(w);
+            vector(params, place.position, |k| (turning.0[k] - along * w[k]) / r + growing * w[k], sink);
+        }
+        LightKind::Directional { .. } => vector(params, place.direction, |k| -turning.0[k], sink),
+        _ => {}
+    }
+}
+
+/// Three partials, if anyone wants them.
+pub(crate) fn vector(params: &ParamSet, first: Slot, partial: impl Fn(usize) -> Rgb, sink: &mut impl Sink) {
+    if first != NO_SLOT && params.block_active(first, 3) {
+        (0..3).for_each(|k| sink.add(first + k as Slot, partial(k)));
+    }
+}
+
+/// The derivative of the connection's optical depth: pairs `(v, weight)` with the meaning `weight <v, ẇ>`, and the
+/// extinction at the light, which multiplies ṙ.
+fn optical_depth(
+    scene: &Scene,
+    aim: &Aim,
+    rng: &mut Rng,
+    mut turning: impl FnMut(DVec3, Rgb),
+    mut growing: impl FnMut(Rgb),
+) {
+    // Distances from y, along which points move with s ẇ.
+    let (mut o, mut on, mut medium, mut before) = (aim.y, aim.on, aim.medium, 0.0);
+    let mut entered = None;
+    for _ in 0..scene.max_interfaces {
+        let left = aim.distance - before;
+        let hit = scene.boundary(o, aim.w, left, &on, medium);
+        let length = hit.as_ref().map_or(left, |h| h.t);
+        if let Some(id) = medium {
+            let m = &scene.media[id as usize];
+            let span = MediumSpan { medium: id, o, w: aim.w, t0: 0.0, t1: length };
+            let part = Part { m, span, before };
+            let (t0, t1) = part.clipped();
+            if t1 > t0 {
+                // Each end: the medium's interface, the light, or the grid's own box, whichever ends the density there.
+                let (at0, at1) = part.extinction_at_ends(t0, t1);
+                if t0 > 0.0 {
+                    part.border(t0, at0 * -1.0, part.box_normal(t0), &mut turning);
+                } else if let Some(n) = entered {
+                    part.border(0.0, at0 * -1.0, n, &mut turning);
+                }
+                if t1 < length {
+                    part.border(t1, at1, part.box_normal(t1), &mut turning);
+                } else if let Some(h) = &hit {
+                    part.border(length, at1, h.n, &mut turning);
+                } else if length < f64::INFINITY {
+                    growing(at1);
+                }
+                part.interior(rng, &mut turning);
+            }
+        }
+        let Some(h) = hit else { return };
+        let shape = &scene.shapes[h.shape as usize];
+        medium = shape.medium_behind(aim.w, h.n, medium);
+        on = on.crossed(&h, scene.tolerance(h.p));
+        entered = Some(h.n);
+        o = h.p;
+        before += h.t;
+    }
+}
+
+/// One medium's piece of a connection, `before` from its start.
+struct Part<'a> {
+    m: &'a Medium,
+    span: MediumSpan,
+    before: f64,
+}
+
+impl Part<'_> {
+    fn clipped(&self) -> (f64, f64) {
+        let s = &self.span;
+        self.m.density_grid().map_or((s.t0, s.t1), |g| g.clip_ray(s.o, s.w, s.t0, s.t1))
+    }
+
+    /// Extinction just inside of the piece's ends; 0 at an infinite end.
+    fn extinction_at_ends(&self, t0: f64, t1: f64) -> (Rgb, Rgb) {
+        match &self.m.density {
+            Volume::Constant(_) => (self.m.sigma_t, self.m.sigma_t),
+            Volume::Grid(_) => {
+                // A rounding of the way inside; the field is continuous there.
+                let inset = (t1 - t0).min(f64::MAX) * 1e-9;
+                let at = |t: f64| {
+                    if t.is_finite() {
+                        self.m.density.at(self.span.o + self.span.w * t) * self.m.scale
+                    } else {
+                        Rgb::ZERO
+                    }
+                };
+                (at(t0 + inset), at(t1 - inset))
+            }
+        }
+    }
+
+    /// A border of normal n that cuts the ray at `t` moves along it by `-s <n,ẇ>/<n,w>` [T] (13).
+    fn border(&self, t: f64, sigma: Rgb, n: DVec3, turning: &mut impl FnMut(DVec3, Rgb)) {
+        let cos = n.dot(self.span.w);
+        if !sigma.is_zero() && cos != 0.0 {
+            turning(n, sigma * (-(self.before + t) / cos));
+        }
+    }
+
+    fn box_normal(&self, t: f64) -> DVec3 {
+        self.m.density_grid().map_or(DVec3::ZERO, |g| g.border_normal(self.span.o + self.span.w * t))
+    }
+
+    /// `∫ s <∇σ, ẇ> ds`: one uniform point a brick.
+    fn interior(&self, rng: &mut Rng, turning: &mut impl FnMut(DVec3, Rgb)) {
+        let (Some(grid), s) = (self.m.density_grid(), &self.span) else { return };
+        for brick in grid.spans(s.o, s.w, s.t0, s.t1) {
+            if brick.constant || brick.t1 <= brick.t0 {
+                continue;
+            }
+            let length = brick.t1 - brick.t0;
+            let t = brick.t0 + rng.uniform() * length;
+            let gradients = grid.gradient3(s.o + s.w * t);
+            let weight = (self.before + t) * length * self.m.scale;
+            if grid.channels() == 1 {
+                turning(gradients[0], Rgb::splat(weight));
+            } else {
+                (0..3).for_each(|c| turning(gradients[c], Rgb::channel(c, weight)));
+            }
+        }
+    }
+}
