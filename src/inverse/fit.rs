@@ -33,7 +33,7 @@ pub struct Problem<'a> {
     pub family: &'a Family,
     pub view: View<'a>,
     pub unknowns: &'a [Unknown],
-    pub target: &'a [Rgb],
+    pub target: Vec<Rgb>,
     pub loss: Loss,
     /// Samples a pixel and an iteration: of the picture, and again of the derivative.
     pub spp: u64,
@@ -137,7 +137,7 @@ fn gradient(p: &Problem, x: &[f64], seed: u64, iteration: u64, health: &Health) 
     let b = p.view.derivative(&member.scene, &params, p.spp, stream(seed, 2, iteration))?;
     health.merge(&a.film.health);
     health.merge(&b.film.health);
-    let loss = p.loss.evaluate(&a.film, p.target)?;
+    let loss = p.loss.evaluate(&a.film, &p.target)?;
     let product = |k: usize| loss.adjoint.iter().enumerate().map(|(i, w)| w.dot(b.film.mean(k + 1, i))).sum();
     Ok((loss.value, loss.error, (0..names.len()).map(product).collect()))
 }

@@ -1,7 +1,9 @@
 //! Inverse rendering: the parameters of a scene from a picture of it.
 
 pub mod adam;
+pub mod album;
 pub mod fit;
+pub mod history;
 pub mod loss;
 pub mod settings;
 
