@@ -19,6 +19,9 @@ fn encode(frames: &[Canvas], per_second: u16) -> std::result::Result<Vec<u8>, ::
     encoder.set_color(::png::ColorType::Rgb);
     encoder.set_depth(::png::BitDepth::Eight);
     encoder.set_source_srgb(::png::SrgbRenderingIntent::RelativeColorimetric);
+    // Small pictures are enlarged by whole factors: rows repeat.
+    encoder.set_filter(::png::FilterType::Up);
+    encoder.set_compression(::png::Compression::Best);
     encoder.set_animated(frames.len() as u32, 0)?;
     encoder.set_frame_delay(1, per_second)?;
     let mut writer = encoder.write_header()?;
