@@ -128,7 +128,7 @@ impl Job<'_> {
 
     /// Quanta of the layers from the brightest of a keyed pilot (`wide`: of the scene's emission): independent of threads,
     /// crops and modes. One value may be 2.7e8 times that; the resolution is 1.4e-17 of it.
-    fn quanta(&self, sweep: Option<&Sweep>, rooms: Option<&Rooms>, wide: bool) -> Vec<i32> {
+    fn quanta(&self, sweep: Option<&Sweep>, rooms: &mut Option<Rooms>, wide: bool) -> Vec<i32> {
         let k = self.layers().len();
         let mut sums = vec![0.0f64; k];
         // Over the whole film, so that a crop has the same quanta and the same bits.
@@ -136,16 +136,19 @@ impl Job<'_> {
         let n = PILOT.min((sensor.width * sensor.height) as u64 * 8);
         let mut rec = PathRecord::new();
         let mut rng = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX, 0);
+        let (mut interior, mut squares) = (0.0, vec![0.0; rooms.as_ref().map_or(0, |r| r.list.len())]);
+        let params = self.mode.params();
         for i in 0..n {
             let x = (rng.uniform() * sensor.width as f64) as usize;
             let y = (rng.uniform() * sensor.height as f64) as usize;
             let state = self.state(Purpose::Pilot, x, y, i);
             let mut tally = Tally::default();
-            let value = match (sweep, &self.mode) {
-                (Some(sweep), Mode::Forward(p)) => {
+            let value = match (sweep, params) {
+                (Some(sweep), Some(p)) => {
                     let mut sink = Forward::new(p);
                     let d = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX - 1, i);
                     let v = sweep.sample(state, d, &mut rec, &mut sink, &mut tally);
+                    interior += square(&sink.image);
                     for (s, d) in sums[1..].iter_mut().zip(&sink.image) {
                         *s = f64::max(*s, finite(d.abs().max()));
                     }
@@ -154,13 +157,14 @@ impl Job<'_> {
                 _ => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
             };
             sums[0] = sums[0].max(finite(value.abs().max()));
-            if let (Some(rooms), Mode::Forward(p)) = (rooms, &self.mode) {
+            if let (Some(rooms), Some(p)) = (rooms.as_ref(), params) {
                 let mut sink = Forward::new(p);
                 let mut image = vec![Rgb::ZERO; p.len()];
                 for room in 0..rooms.list.len() {
                     let mut most = |c: rooms::Contribution| {
                         c.emit(&mut sink);
                         sink.take(&mut image);
+                        squares[room] += square(&image);
                         for (s, d) in sums[1..].iter_mut().zip(&image) {
                             *s = f64::max(*s, finite(d.abs().max()));
                         }
@@ -170,8 +174,11 @@ impl Job<'_> {
                 }
             }
         }
+        if let Some(rooms) = rooms {
+            rooms.set_budget(interior, &squares);
+        }
         // Each term may need the whole range.
-        let terms = if self.split { 1 + rooms.map_or(0, |r| r.list.len()) } else { 0 };
+        let terms = if self.split { 1 + squares.len() } else { 0 };
         for _ in 0..terms {
             sums.extend_from_within(1..k);
         }
@@ -193,7 +200,7 @@ impl Job<'_> {
         let start = Instant::now();
         let params = self.mode.params().filter(|p| !p.is_empty());
         let rooms = params.map(|p| Rooms::new(self.scene, self.sensor, self.seed, p, |n| self.terms.wants(n)));
-        let rooms = rooms.as_ref().filter(|r| !r.is_empty());
+        let mut rooms = rooms.filter(|r| !r.is_empty());
         let sweep = params.filter(|_| self.terms.wants("interior")).map(|params| Sweep {
             scene: self.scene,
             set: &self.scene.settings,
@@ -207,8 +214,9 @@ impl Job<'_> {
             width: self.width(),
             height: self.height(),
             layers,
-            quantum: self.quanta(sweep.as_ref(), rooms, wide),
+            quantum: self.quanta(sweep.as_ref(), &mut rooms, wide),
         };
+        let rooms = rooms.as_ref();
         let mut film = Film::new(spec);
         let pixels = self.width() * self.height();
         let tiles = pixels.div_ceil(TILE);
@@ -326,9 +334,18 @@ impl Job<'_> {
         film: &Film,
         dropped: &AtomicBool,
     ) -> Vec<Vec<f64>> {
-        let all = samples.start * rooms.outward..samples.end * rooms.outward;
-        let blocks = (all.end - all.start).div_ceil(rooms::BLOCK);
-        let block = |b: u64| -> Option<Vec<f64>> {
+        // (room, first sample, end) of every block.
+        let mut blocks = Vec::new();
+        for room in 0..rooms.list.len() {
+            let n = rooms.outward_samples(room);
+            let (mut first, end) = (samples.start * n, samples.end * n);
+            while first < end {
+                let next = (first + rooms::BLOCK).min(end);
+                blocks.push((room, first, next));
+                first = next;
+            }
+        }
+        let block = |(room, first, end): (usize, u64, u64)| -> Option<Vec<f64>> {
             if self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
                 dropped.store(true, Ordering::Relaxed);
                 return None;
@@ -336,18 +353,15 @@ impl Job<'_> {
             let slots = self.scene.slots.values.len();
             let mut reverse = matches!(self.mode, Mode::Reverse(..)).then(|| Reverse::new(slots));
             let mut tally = Tally::default();
-            let first = all.start + b * rooms::BLOCK;
-            for room in 0..rooms.list.len() {
-                let start = Instant::now();
-                for i in first..(first + rooms::BLOCK).min(all.end) {
-                    rooms.outward(room, i, &mut tally, &mut |c| self.contribute(room, &c, film, &mut reverse));
-                }
-                rooms.add_time(room, start);
+            let start = Instant::now();
+            for i in first..end {
+                rooms.outward(room, i, &mut tally, &mut |c| self.contribute(room, &c, film, &mut reverse));
             }
+            rooms.add_time(room, start);
             count(&film.health, &tally);
             reverse.map(|r| r.gradient)
         };
-        (0..blocks).into_par_iter().map(block).collect::<Vec<_>>().into_iter().flatten().collect()
+        blocks.into_par_iter().map(block).collect::<Vec<_>>().into_iter().flatten().collect()
     }
 
     /// The samples of one batch in some pixels.
@@ -426,6 +440,10 @@ impl Job<'_> {
         count(&film.health, &tally);
         reverse.map(|r| r.gradient)
     }
+}
+
+fn square(image: &[Rgb]) -> f64 {
+    image.iter().map(|d| finite(d.dot(*d))).sum()
 }
 
 fn finite(x: f64) -> f64 {

@@ -16,8 +16,10 @@ use crate::transport::Tally;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-/// Outward samples a pixel and sample of the picture.
-const OUTWARD: f64 = 1.0;
+/// Samples of a room, along and outward alike, for one sample of the picture: the least and the most.
+const RATE: (f64, f64) = (1.0 / 8.0, 4.0);
+/// Cost of a room's sample (one along, one outward) over that of a path with its derivative, in rays.
+const COST: f64 = 1.0;
 /// Outward samples of one work item.
 pub const BLOCK: u64 = 2048;
 
@@ -28,8 +30,9 @@ pub struct Rooms<'a> {
     filter: Filter,
     seed: u64,
     pub list: Vec<Box<dyn Room>>,
-    /// Outward samples for one sample a pixel, over the whole film.
-    pub outward: u64,
+    /// Camera rays a pixel for one sample of the picture (on average), and outward samples over the whole film, of each room.
+    along: Vec<f64>,
+    outward: Vec<u64>,
     nanoseconds: Vec<AtomicU64>,
 }
 
@@ -62,9 +65,27 @@ impl<'a> Rooms<'a> {
         let filter = scene.films[sensor].part.filter;
         let sensor = &scene.sensors[sensor];
         let list = rooms(scene, sensor, &motion, wanted);
-        let outward = (OUTWARD * (sensor.width * sensor.height) as f64).ceil() as u64;
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();
-        Rooms { scene, sensor, filter, seed, list, outward, nanoseconds }
+        let along = vec![1.0; list.len()];
+        let outward = vec![(sensor.width * sensor.height) as u64; list.len()];
+        Rooms { scene, sensor, filter, seed, list, along, outward, nanoseconds }
+    }
+
+    /// Share out the work: with rate r a room's variance is `variance / r` and its cost `COST r`, beside 1 for the interior. `interior`,
+    /// `rooms`: mean squares of a pixel's derivative from one sample each, by a keyed pilot.
+    pub fn set_budget(&mut self, interior: f64, rooms: &[f64]) {
+        let pixels = (self.sensor.width * self.sensor.height) as f64;
+        for (k, &v) in rooms.iter().enumerate() {
+            let rate = if interior > 0.0 { (v / (interior * COST)).sqrt() } else { RATE.1 };
+            let rate = if rate.is_finite() { rate.clamp(RATE.0, RATE.1) } else { 1.0 };
+            self.along[k] = rate;
+            self.outward[k] = (rate * pixels).ceil() as u64;
+        }
+    }
+
+    /// Outward samples of a room for one sample of the picture.
+    pub fn outward_samples(&self, room: usize) -> u64 {
+        self.outward[room]
     }
 
     pub fn is_empty(&self) -> bool {
@@ -90,28 +111,43 @@ impl<'a> Rooms<'a> {
         Purpose::Room as u64 + 2 * room as u64 + u64::from(outward)
     }
 
-    /// One camera ray of a pixel.
+    /// The camera rays of a pixel for one sample of the picture.
     pub fn along(
         &self,
         room: usize,
-        [x, y]: [usize; 2],
+        pixel: [usize; 2],
         key: u64,
         sample: u64,
         tally: &mut Tally,
         f: &mut dyn FnMut(Contribution),
     ) {
         let start = Instant::now();
-        let mut cx = self.context();
         let mut rng = Rng::keyed(self.seed, Self::purpose(room, false), key, sample);
-        let offset = [filter::sample(self.filter, &mut rng), filter::sample(self.filter, &mut rng)];
+        // A fraction of a ray is a ray with that probability.
+        let rays = (self.along[room] + rng.uniform()) as usize;
+        for _ in 0..rays {
+            self.camera_ray(room, pixel, &mut rng, tally, f);
+        }
+        self.nanoseconds[room].fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
+    }
+
+    fn camera_ray(
+        &self,
+        room: usize,
+        [x, y]: [usize; 2],
+        rng: &mut Rng,
+        tally: &mut Tally,
+        f: &mut dyn FnMut(Contribution),
+    ) {
+        let mut cx = self.context();
+        let offset = [filter::sample(self.filter, rng), filter::sample(self.filter, rng)];
         let film = [x as f64 + 0.5 + offset[0], y as f64 + 0.5 + offset[1]];
         let w = filter::density(self.filter, offset[0]) * filter::density(self.filter, offset[1]);
-        self.list[room].along(&mut cx, film, &mut rng, &mut |s| {
-            let weight = s.flux * s.weigh(w, 1.0, self.outward as f64);
+        self.list[room].along(&mut cx, film, rng, &mut |s| {
+            let weight = s.flux * s.weigh(w, self.along[room], self.outward[room] as f64);
             f(Contribution { pixel: [x, y], weight, sample: s });
         });
         *tally = tally.plus(&cx.tally);
-        self.nanoseconds[room].fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
     }
 
     /// One outward sample, onto all pixels that its film points concern.
@@ -131,7 +167,7 @@ impl<'a> Rooms<'a> {
                 for x in range(0) {
                     let w = wy * filter::density(self.filter, s.film[0] - (x as f64 + 0.5));
                     if w > 0.0 {
-                        let weight = s.flux * s.weigh(w, 1.0, self.outward as f64);
+                        let weight = s.flux * s.weigh(w, self.along[room], self.outward[room] as f64);
                         f(Contribution { pixel: [x, y], weight, sample: s });
                     }
                 }

@@ -41,12 +41,12 @@ pub struct Agreement {
 }
 
 /// Normal scores of a - b; 0 where both are exactly equal and without variance.
-pub fn scores(a: &Rounds, b: &Rounds, bias: f64) -> Vec<f64> {
+pub fn scores(a: &Rounds, b: &Rounds, bias: &[f64]) -> Vec<f64> {
     let normal = Normal::standard();
     (0..a.mean.len())
         .map(|i| {
             let (va, vb) = (a.variance(i), b.variance(i));
-            let (difference, variance) = (a.mean[i] - b.mean[i], va + vb + bias * bias);
+            let (difference, variance) = (a.mean[i] - b.mean[i], va + vb + bias[i] * bias[i]);
             if difference == 0.0 {
                 return 0.0;
             }
@@ -84,19 +84,19 @@ fn largest_chi_square(n: usize, alpha: f64) -> f64 {
 }
 
 impl Agreement {
-    /// Compare a with b, whose bias is estimated to be `bias` at every place. `tolerance`: the error that a place may have,
+    /// Compare a with b, whose bias is estimated to be `bias`, one a place and channel. `tolerance`: the error that a place may have,
     /// as a share of mean |a|.
-    pub fn new(a: &Rounds, b: &Rounds, bias: f64, tolerance: f64) -> Self {
+    pub fn new(a: &Rounds, b: &Rounds, bias: &[f64], tolerance: f64) -> Self {
         let z = scores(a, b, bias);
         let places = z.len() / 3;
         let max_z = z.iter().fold(0.0f64, |m, z| m.max(z.abs()));
         let threshold = largest_score(z.len(), ALPHA / 2.0);
         let chi_square = [0, 1, 2].map(|c| z.iter().skip(c).step_by(3).map(|z| z * z).sum::<f64>());
         let chi_square_threshold = largest_chi_square(places, ALPHA / 6.0);
-        let variance = |i: usize| a.variance(i) + b.variance(i) + bias * bias;
+        let variance = |i: usize| a.variance(i) + b.variance(i) + bias[i] * bias[i];
         let mean_abs = a.mean_abs();
         let error = mean((0..z.len()).map(variance)).sqrt();
-        let zero = a.is_zero() && b.is_zero() && bias == 0.0;
+        let zero = a.is_zero() && b.is_zero() && bias.iter().all(|&x| x == 0.0);
         let (mut fail, mut pass) = (0, 0);
         for p in 0..places {
             let all = 3 * p..3 * p + 3;
@@ -155,7 +155,7 @@ mod tests {
         let significant = |shift: f64, keys: std::ops::Range<u64>| {
             keys.filter(|&k| {
                 let (a, b) = (noise(40, 16, 1.0, 2 * k), noise(40, 16, 1.0 + shift, 2 * k + 1));
-                Agreement::new(&a, &b, 0.0, 0.02).significant
+                Agreement::new(&a, &b, &[0.0; 120], 0.02).significant
             })
             .count()
         };
@@ -163,7 +163,7 @@ mod tests {
         assert_eq!(significant(0.5, 0..20), 20);
         // A bias as large as the difference explains it.
         let (a, b) = (noise(40, 16, 1.0, 1), noise(40, 16, 1.5, 2));
-        assert!(!Agreement::new(&a, &b, 0.5, 0.02).significant);
+        assert!(!Agreement::new(&a, &b, &[0.5; 120], 0.02).significant);
     }
 
     #[test]
@@ -171,9 +171,9 @@ mod tests {
         let mut zero = Rounds::default();
         zero.push(&[0.0; 12], 1.0);
         zero.push(&[0.0; 12], 1.0);
-        let a = Agreement::new(&zero, &zero, 0.0, 0.02);
+        let a = Agreement::new(&zero, &zero, &[0.0; 12], 0.02);
         assert!(!a.significant && a.relative_error == 0.0 && a.pass == 4);
-        let b = Agreement::new(&zero, &noise(4, 8, 3.0, 1), 0.0, 0.02);
+        let b = Agreement::new(&zero, &noise(4, 8, 3.0, 1), &[0.0; 12], 0.02);
         assert!(b.significant && b.relative_error.is_infinite());
     }
 }

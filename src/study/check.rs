@@ -10,7 +10,7 @@
 
 use super::agreement::{Agreement, scores};
 use super::differences::{At, Bias, Difference, Side};
-use super::rounds::{Blocks, Rounds};
+use super::rounds::{Blocks, Rounds, mean};
 use super::sweep::{self, Rung};
 use crate::error::{Error, Result};
 use crate::params::ParamSet;
@@ -251,8 +251,9 @@ impl Bench<'_> {
             if theirs.next == 0 {
                 self.more_of_theirs(&difference, &mut theirs, generation)?;
             }
-            let bias = Bias::new(&theirs.blocks[1]).bound();
-            let blocks = Agreement::new(&ours.blocks[k + 1], &theirs.blocks[0], bias, o.tolerance);
+            let biases = Bias::places(&theirs.blocks[1]);
+            let bias = mean(biases.iter().map(|b| b * b)).sqrt();
+            let blocks = Agreement::new(&ours.blocks[k + 1], &theirs.blocks[0], &biases, o.tolerance);
             let errors = [ours.blocks[k + 1].mean_variance().sqrt(), theirs.blocks[0].mean_variance().sqrt()];
             say(format!(
                 "{name}: error {:.2} % of mean |d| (ours {:.2}, differences {:.2}, step {:.2}), max |z| {:.2}",
@@ -274,6 +275,7 @@ impl Bench<'_> {
             };
             if let Some(verdict) = verdict {
                 let (a, b) = (&ours.pixels[k + 1], &theirs.pixels[0]);
+                let biases = Bias::places(&theirs.pixels[1]);
                 return Ok(ParameterCheck {
                     name: name.into(),
                     value,
@@ -288,9 +290,9 @@ impl Bench<'_> {
                     pictures: difference.pictures(),
                     seconds: start.elapsed().as_secs_f64(),
                     blocks,
-                    pixels: Agreement::new(a, b, bias, o.tolerance),
+                    pixels: Agreement::new(a, b, &biases, o.tolerance),
                     sweep: rungs,
-                    images: Images { ours: a.mean.clone(), differences: b.mean.clone(), z: scores(a, b, bias) },
+                    images: Images { ours: a.mean.clone(), differences: b.mean.clone(), z: scores(a, b, &biases) },
                 });
             }
             suspicious = blocks.significant;

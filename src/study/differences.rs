@@ -169,6 +169,17 @@ impl Bias {
         Bias { seen: (square - variance).max(0.0), hidden: (6.0 / estimates.mean.len() as f64).sqrt() * variance }
     }
 
+    /// The bias of every place: the bound of all, and at places where the estimate stands out the whole of what half the step
+    /// changed. Beside an edge that moves with the parameter the bias falls like h only, and there alone.
+    pub fn places(estimates: &Rounds) -> Vec<f64> {
+        let all = Bias::new(estimates).bound();
+        let own = |i: usize| {
+            let m = estimates.mean[i].abs();
+            if m > 2.0 * estimates.variance(i).sqrt() { 3.0 * m } else { 0.0 }
+        };
+        (0..estimates.mean.len()).map(|i| all.max(own(i))).collect()
+    }
+
     /// With what may be hidden.
     pub fn bound(&self) -> f64 {
         (self.seen + self.hidden).sqrt()
