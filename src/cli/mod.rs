@@ -5,6 +5,7 @@
 
 mod check;
 mod completions;
+mod converge;
 mod files;
 mod fit;
 mod fit_problem;
@@ -47,6 +48,7 @@ enum Command {
     Grad(grad::GradArgs),
     Check(check::CheckArgs),
     Fit(Box<fit::FitArgs>),
+    Converge(converge::ConvergeArgs),
     Info(info::InfoArgs),
     Plan(plan::PlanArgs),
     Stress(stress::StressArgs),
@@ -63,6 +65,7 @@ impl Command {
             Command::Grad(a) => a.run(log),
             Command::Check(a) => a.run(log),
             Command::Fit(a) => a.run(log),
+            Command::Converge(a) => a.run(log),
             Command::Info(a) => a.run(log),
             Command::Plan(a) => a.run(log),
             Command::Stress(a) => a.run(log),
@@ -77,6 +80,7 @@ impl Command {
             Command::Grad(a) => a.log.clone(),
             Command::Check(a) => a.log.clone(),
             Command::Fit(a) => a.log.clone(),
+            Command::Converge(a) => a.log.clone(),
             Command::Info(a) => a.log.clone(),
             Command::Plan(a) => a.log.clone(),
             Command::Stress(a) => a.log.clone(),
