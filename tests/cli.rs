@@ -198,7 +198,7 @@ fn nothing_is_written_on_usage_and_scene_errors() {
         ("grad fog.xml --wrt depth", "an integer"),
         ("grad fog.xml --wrt fog.sigma_t.grid", "not available yet"),
         ("grad fog.xml --wrt wall_z", "wall_z"),
-        ("grad fog.xml --wrt sigma_t --terms light_shadow", "not available yet"),
+        ("grad fog.xml --wrt sigma_t --terms medium_edge", "not available yet"),
         ("grad fog.xml --wrt sigma_t --terms interio", "did you mean `interior`"),
         ("grad fog.xml --wrt sigma_t --loss l2", "--target"),
         ("grad fog.xml --wrt sigma_t --adjoint fog.xml", "fog.xml"),
