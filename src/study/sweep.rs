@@ -121,7 +121,7 @@ mod tests {
     fn samples_to_come_favour_small_bias() {
         let rung = |step: f64, noise, bias| Rung { step, noise, bias, visible_bias: bias, chosen: false };
         let rungs = [rung(1.0, 1.0, 0.3), rung(0.5, 1.2, 0.02), rung(0.25, 1.5, 0.001)];
-        assert_eq!(choose(&rungs, 0.01), 1);
+        assert_eq!(choose(&rungs, 0.03), 1);
         assert_eq!(choose(&rungs, 0.0001), 2);
         assert_eq!(choose(&rungs, 1.0), 0);
         // Noise that seems to vanish is not believed.
