@@ -63,6 +63,7 @@ impl<'a> Rooms<'a> {
         wanted: impl Fn(&str) -> bool,
     ) -> Result<Rooms<'a>> {
         let motion = Motion::new(scene, params);
+        motion.check()?;
         hard_profile::refuse(scene, &motion)?;
         let filter = scene.films[sensor].part.filter;
         let sensor = &scene.sensors[sensor];

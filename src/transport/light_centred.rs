@@ -160,7 +160,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let rng = if sigma_s.is_zero() { &mut unscored } else { &mut s.rng };
     let Some((shadow, _)) = transmit::shadow(w, rng, Some(span.medium), y, &On::default(), &a) else { return };
     let phases = [sight.phase, Some((span.medium, m2))];
-    let aim = beside::follows(w, light, y, Some(s.o), s.from).then(|| {
+    let aim = beside::follows(w, light, s.left, y, Some(s.o)).then(|| {
         let turn = Turn::Phase(span.medium, sight.direction);
         Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside)
     });
