@@ -203,3 +203,22 @@ fn t9_isothermal_enclosure_material_rows() {
         assert!(e.z(0, 0.0).abs() <= 4.5 && e.error[0] < 0.01, "{e:?}");
     }
 }
+
+/// A channel that does not collide takes no part in the hero's choice: T2's slab with extinction in red only, or in two channels.
+#[test]
+fn forced_collisions_with_a_clear_channel() {
+    let text = |sigma: &str| {
+        airlight(false)
+            .replace(
+                r#"<float name="sigma_t" value="$sigma_t"/>"#,
+                &format!(r#"<rgb name="sigma_t" value="{sigma}"/><float name="unused_never" value="$sigma_t"/>"#),
+            )
+            .replace(r#"<float name="unused_never" value="$sigma_t"/>"#, "")
+            .replace(r#"<default name="sigma_t" value="0.35"/>"#, "")
+    };
+    for sigma in ["0.35, 0, 0", "0.35, 0.35, 0"] {
+        let r = forward(&text(sigma), &["intensity"], 1 << 18);
+        check("L in red", &r[0], airlight_quadrature(6.0)[0], 0.005);
+        assert_eq!(r[0].value[2], 0.0);
+    }
+}

@@ -117,3 +117,47 @@ fn shadows_and_hard_edge_of_a_spot_in_a_foggy_room() {
       <float name="cutoff_angle" value="$cut"/><float name="beam_width" value="$cut"/><rgb name="intensity" value="14"/></emitter>"#;
     against_differences(&foggy_room(light), &[("turn", 1.0), ("cut", 1.0), ("x", 0.02)], &["all"], 1 << 14, 0.02);
 }
+
+/// A box of six rectangles casts the shadow of a cube: their edges are one each. The two scenes are one, so are their derivatives.
+#[test]
+fn rectangles_that_share_edges_cast_one_shadow() {
+    let light = r#"<emitter type="point"><point name="position" value="$x, $y, $z"/><rgb name="intensity" value="4"/></emitter>"#;
+    let cube = r#"<shape type="cube"><transform name="to_world"><scale value="0.25"/><rotate x="1" y="1" angle="35"/><translate x="-0.5" y="0.3"/></transform><bsdf type="diffuse"/></shape>"#;
+    let side = |turn: &str| {
+        format!(
+            r#"<shape type="rectangle"><transform name="to_world"><translate z="1"/>{turn}<scale value="0.25"/><rotate x="1" y="1" angle="35"/><translate x="-0.5" y="0.3"/></transform><bsdf type="diffuse"/></shape>"#
+        )
+    };
+    let turns = [
+        "",
+        r#"<rotate x="1" angle="90"/>"#,
+        r#"<rotate x="1" angle="180"/>"#,
+        r#"<rotate x="1" angle="270"/>"#,
+        r#"<rotate y="1" angle="90"/>"#,
+        r#"<rotate y="1" angle="270"/>"#,
+    ];
+    let six: String = turns.iter().map(|t| side(t)).collect();
+    let text = foggy_room(light);
+    assert!(text.contains(cube));
+    let a = derivatives(&text, &["x", "y"], &["light_shadow"], 2048);
+    let b = derivatives(&text.replace(cube, &six), &["x", "y"], &["light_shadow"], 2048);
+    for (k, (a, b)) in a.iter().zip(&b).enumerate() {
+        for c in 0..3 {
+            let z = (a.value[c] - b.value[c]) / a.error[c].hypot(b.error[c]);
+            println!("{k} {c}: {} {} z {z:.2}", a.value[c], b.value[c]);
+            assert!(z.abs() < 4.5, "{k} {c}: {} {}", a.value[c], b.value[c]);
+        }
+    }
+}
+
+/// Fog that stands in fog, a camera in a bubble of its own, and no `<ref>` in the light: what surrounds what is told by interfaces.
+#[test]
+fn shadows_through_nested_interfaces() {
+    let light = r#"<emitter type="point"><point name="position" value="$x, $y, $z"/><rgb name="intensity" value="4"/></emitter>
+      <medium type="homogeneous" id="thick"><float name="sigma_t" value="1.2"/><float name="albedo" value="0.9"/></medium>
+      <shape type="sphere"><point name="center" x="0.1" y="1.2" z="0.1"/><float name="radius" value="0.28"/><bsdf type="null"/><ref name="interior" id="thick"/><ref name="exterior" id="fog"/></shape>
+      <shape type="sphere"><point name="center" x="0" y="0.2" z="5"/><float name="radius" value="0.5"/><bsdf type="null"/><ref name="interior" id="thick"/></shape>"#;
+    let text =
+        foggy_room(light).replace(r#"<sensor type="perspective">"#, r#"<sensor type="perspective"><ref id="thick"/>"#);
+    against_differences(&text, &[("x", 0.02), ("y", 0.02)], &["all"], 1 << 14, 0.02);
+}

@@ -11,10 +11,10 @@ use tyndall::term::{Motion, ROOMS, rooms};
 
 /// Fog over a floor, a ball, a knot of two triangles; a point light that moves, and a spot with a hard edge that turns.
 const ROOM: &str = r#"<scene version="3.0.0">
-  <default name="x" value="-0.3"/><default name="y" value="1.2"/><default name="turn" value="15"/><default name="cone" value="20"/><default name="sigma" value="0.6"/>
+  <default name="x" value="-0.3"/><default name="y" value="1.35"/><default name="turn" value="15"/><default name="cone" value="20"/><default name="sigma" value="0.6"/>
   <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
-  <sensor type="perspective"><float name="fov" value="35"/>
-    <transform name="to_world"><lookat origin="0, 0.3, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+  <sensor type="perspective"><float name="fov" value="26"/>
+    <transform name="to_world"><lookat origin="0, 0.3, 5" target="0, -0.2, 0" up="0, 1, 0"/></transform>
     <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="6"/><rfilter type="gaussian"/></film></sensor>
   <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="$sigma, 0.9, 0.3"/><float name="albedo" value="0.9"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
   <shape type="cube"><transform name="to_world"><scale value="1.5"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>

@@ -199,7 +199,8 @@ impl Job<'_> {
     fn run_with(&self, progress: &(dyn Fn(Progress) + Sync), wide: bool) -> Result<Outcome> {
         let start = Instant::now();
         let params = self.mode.params().filter(|p| !p.is_empty());
-        let rooms = params.map(|p| Rooms::new(self.scene, self.sensor, self.seed, p, |n| self.terms.wants(n)));
+        let rooms =
+            params.map(|p| Rooms::new(self.scene, self.sensor, self.crop, self.seed, p, |n| self.terms.wants(n)));
         let rooms = rooms.transpose()?;
         let mut rooms = rooms.filter(|r| !r.is_empty());
         let sweep = params.filter(|_| self.terms.wants("interior")).map(|params| Sweep {

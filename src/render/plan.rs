@@ -389,7 +389,10 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
             Movable::Shape(i) => {
                 let s = &p.shapes[i];
                 match (&p.surfaces[s.surface], s.light) {
-                    (SurfacePart::Null, _) => m.border |= s.interior.is_some() || s.exterior.is_some(),
+                    (SurfacePart::Null, light) => {
+                        m.border |= s.interior.is_some() || s.exterior.is_some();
+                        m.area_light |= light.is_some();
+                    }
                     (_, Some(_)) => {
                         m.area_light = true;
                         // A lamp is opaque too: alone it hides nothing but itself.

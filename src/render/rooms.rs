@@ -12,7 +12,7 @@ use crate::params::{ParamSet, Sink, Slot};
 use crate::scene::Scene;
 use crate::scene::parts::Filter;
 use crate::sensor::Sensor;
-use crate::term::{Context, Motion, Room, Sample, hard_profile, rooms};
+use crate::term::{Context, Motion, ROOMS, Room, Sample, hard_profile, rooms};
 use crate::transport::Tally;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -28,6 +28,9 @@ pub const BLOCK: u64 = 2048;
 pub struct Rooms<'a> {
     scene: &'a Scene,
     sensor: &'a Sensor,
+    /// Its number, which keys the outward streams.
+    index: usize,
+    outer: Option<u32>,
     filter: Filter,
     seed: u64,
     pub list: Vec<Box<dyn Room>>,
@@ -58,20 +61,22 @@ impl<'a> Rooms<'a> {
     pub fn new(
         scene: &'a Scene,
         sensor: usize,
+        crop: [usize; 4],
         seed: u64,
         params: &ParamSet,
         wanted: impl Fn(&str) -> bool,
     ) -> Result<Rooms<'a>> {
         let motion = Motion::new(scene, params);
-        motion.check()?;
         hard_profile::refuse(scene, &motion)?;
-        let filter = scene.films[sensor].part.filter;
+        let (index, filter) = (sensor, scene.films[sensor].part.filter);
         let sensor = &scene.sensors[sensor];
+        motion.check(scene, sensor, crop, filter::radius(filter))?;
+        let outer = scene.outer_medium(sensor.to_world.translation, sensor.medium);
         let list = rooms(scene, sensor, &motion, wanted);
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();
         let along = vec![1.0; list.len()];
         let outward = vec![(sensor.width * sensor.height) as u64; list.len()];
-        Ok(Rooms { scene, sensor, filter, seed, list, along, outward, nanoseconds })
+        Ok(Rooms { scene, sensor, index, outer, filter, seed, list, along, outward, nanoseconds })
     }
 
     /// Share out the work: with rate r a room's variance is `variance / r` and its cost `COST r`, beside 1 for the interior. `interior`,
@@ -105,13 +110,17 @@ impl<'a> Rooms<'a> {
             scene: self.scene,
             set: &self.scene.settings,
             sensor: self.sensor,
+            outer: self.outer,
             margin: filter::radius(self.filter),
             tally: Tally::default(),
         }
     }
 
-    fn purpose(room: usize, outward: bool) -> u64 {
-        Purpose::Room as u64 + 2 * room as u64 + u64::from(outward)
+    /// By the room itself, whichever others run.
+    fn purpose(&self, room: usize, outward: bool) -> u64 {
+        let name = self.list[room].name();
+        let number = ROOMS.iter().position(|n| *n == name).unwrap_or(ROOMS.len()) as u64;
+        Purpose::Room as u64 + 2 * number + u64::from(outward)
     }
 
     /// The camera rays of a pixel for one sample of the picture.
@@ -125,7 +134,7 @@ impl<'a> Rooms<'a> {
         f: &mut dyn FnMut(Contribution),
     ) {
         let start = Instant::now();
-        let mut rng = Rng::keyed(self.seed, Self::purpose(room, false), key, sample);
+        let mut rng = Rng::keyed(self.seed, self.purpose(room, false), key, sample);
         // A fraction of a ray is a ray with that probability.
         let rays = (self.along[room] + rng.uniform()) as usize;
         for _ in 0..rays {
@@ -156,7 +165,7 @@ impl<'a> Rooms<'a> {
     /// One outward sample, onto all pixels that its film points concern.
     pub fn outward(&self, room: usize, sample: u64, tally: &mut Tally, f: &mut dyn FnMut(Contribution)) {
         let mut cx = self.context();
-        let mut rng = Rng::keyed(self.seed, Self::purpose(room, true), 0, sample);
+        let mut rng = Rng::keyed(self.seed, self.purpose(room, true), self.index as u64, sample);
         let (radius, size) = (cx.margin, [self.sensor.width, self.sensor.height]);
         self.list[room].outward(&mut cx, &mut rng, &mut |s| {
             // Pixels x with |film - (x + 1/2)| <= radius.

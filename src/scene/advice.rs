@@ -54,11 +54,6 @@ fn warning(kind: WarningKind, span: &Span, what: String, hint: String) -> Warnin
     Warning { kind, span: span.clone(), what, hint }
 }
 
-/// The medium that a point stands in by its boundaries, if it does not name that one.
-pub(super) fn surrounding(scene: &Scene, p: DVec3, named: Option<u32>) -> Option<String> {
-    unnamed_medium(scene, p, DVec3::new(0.36, 0.48, 0.8), named.map(|m| m as usize))
-}
-
 /// The name of the medium whose boundary a ray from `p` leaves first, if the point claims to be in another one.
 fn unnamed_medium(scene: &Scene, p: DVec3, w: DVec3, named: Option<usize>) -> Option<String> {
     let named = named.map(|m| m as u32);

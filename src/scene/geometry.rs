@@ -194,20 +194,20 @@ impl Group {
         }
     }
 
-    /// Embree's names of some faces of a mesh, or of all faces of any other shape; never empty, but for no shape.
-    fn grazed(&self, shape: u32, faces: &[u32]) -> Vec<(u32, u32)> {
-        if shape == u32::MAX {
-            return Vec::new();
-        }
-        let geom = self.geometry_of.get(shape as usize).copied().unwrap_or(u32::MAX);
-        let names: Vec<(u32, u32)> = match self.entries.get(geom as usize) {
-            Some(Entry::Mesh(_)) => faces.iter().map(|&f| (geom, f)).collect(),
-            Some(Entry::Faces(list)) => {
-                (0..list.len() as u32).filter(|&k| list[k as usize].0 == shape).map(|k| (geom, k)).collect()
+    /// Embree's names of what a ray grazes; never empty, but for a ray that grazes nothing.
+    fn grazed(&self, past: &[(u32, Vec<u32>)]) -> Vec<(u32, u32)> {
+        let mut names = Vec::new();
+        for (shape, faces) in past {
+            let geom = self.geometry_of.get(*shape as usize).copied().unwrap_or(u32::MAX);
+            match self.entries.get(geom as usize) {
+                Some(Entry::Mesh(_)) => names.extend(faces.iter().map(|&f| (geom, f))),
+                Some(Entry::Faces(list)) => {
+                    names.extend((0..list.len() as u32).filter(|&k| list[k as usize].0 == *shape).map(|k| (geom, k)));
+                }
+                None => names.push((u32::MAX, u32::MAX)),
             }
-            None => Vec::new(),
-        };
-        if names.is_empty() { vec![(u32::MAX, u32::MAX)] } else { names }
+        }
+        names
     }
 
     fn exclude(&self, on: &On) -> Option<(u32, u32)> {
@@ -268,34 +268,51 @@ impl Scene {
         Some(self.hit(t, o + w * t, shape, face))
     }
 
-    /// Distance to the nearest opaque surface along a ray that grazes an outline of `shape`: of a mesh the named faces, of any
-    /// other shape all of it is left out.
-    pub fn opaque_past(&self, o: DVec3, w: DVec3, t_max: f64, shape: u32, faces: &[u32]) -> Option<Hit> {
+    /// The nearest opaque surface along a ray that grazes an outline: of meshes the named faces, of any other shape all of it is left out.
+    /// The origin may lie on other things: a surface within rounding of it counts.
+    pub fn opaque_past(&self, o: DVec3, w: DVec3, t_max: f64, past: &[(u32, Vec<u32>)]) -> Option<Hit> {
+        let tolerance = self.tolerance(o);
         let mut best: Option<(f64, u32, u32)> = None;
-        for &id in self.opaque.simple.iter().filter(|&&id| id != shape) {
+        for &id in self.opaque.simple.iter().filter(|&&id| past.iter().all(|p| p.0 != id)) {
             let limit = best.map_or(t_max, |b| b.0);
-            if let Some(h) = self.shapes[id as usize].shape.intersect(o, w, 0.0, limit, None) {
+            if let Some(h) = self.shapes[id as usize].shape.intersect(o, w, -tolerance, limit, None) {
                 best = Some((h.t, id, h.face));
             }
         }
         if let Some(bvh) = &self.opaque.bvh {
-            let ray = Ray { o, d: w, t_max: best.map_or(t_max, |b| b.0), exclude: None };
-            if let Some(h) = bvh.intersect_past(&ray, &self.opaque.grazed(shape, faces)) {
+            let t_max = best.map_or(t_max, |b| b.0) + tolerance;
+            let ray = Ray { o: o - w * tolerance, d: w, t_max, exclude: None };
+            if let Some(h) = bvh.intersect_past(&ray, &self.opaque.grazed(past)) {
                 let (shape, face) = self.opaque.face_of(h.geom, h.prim);
-                best = Some((h.t, shape, face));
+                best = Some((h.t - tolerance, shape, face));
             }
         }
         best.map(|(t, shape, face)| self.hit(t, o + w * t, shape, face))
     }
 
-    /// Whether anything opaque stands on the first `t_max` of a ray that grazes an outline, see [`Scene::opaque_past`].
-    pub fn blocked_past(&self, o: DVec3, w: DVec3, t_max: f64, shape: u32, faces: &[u32]) -> bool {
-        let simple = |id: u32| self.shapes[id as usize].shape.intersect(o, w, 0.0, t_max, None).is_some();
-        self.opaque.simple.iter().any(|&id| id != shape && simple(id))
+    /// Whether anything opaque stands on the first `t_max` of a ray that grazes an outline, see [`Scene::opaque_past`]; nothing at
+    /// the origin itself counts.
+    pub fn blocked_past(&self, o: DVec3, w: DVec3, t_max: f64, past: &[(u32, Vec<u32>)]) -> bool {
+        let tolerance = self.tolerance(o);
+        let simple = |id: u32| self.shapes[id as usize].shape.intersect(o, w, tolerance, t_max, None).is_some();
+        self.opaque.simple.iter().any(|&id| past.iter().all(|p| p.0 != id) && simple(id))
             || self.opaque.bvh.as_ref().is_some_and(|bvh| {
-                let ray = Ray { o, d: w, t_max, exclude: None };
-                bvh.occluded_past(&ray, &self.opaque.grazed(shape, faces))
+                let ray = Ray { o: o + w * tolerance, d: w, t_max: t_max - tolerance, exclude: None };
+                bvh.occluded_past(&ray, &self.opaque.grazed(past))
             })
+    }
+
+    /// The medium beyond all interfaces, told by one that stands in `medium` at `o`.
+    pub fn outer_medium(&self, o: DVec3, medium: Option<u32>) -> Option<u32> {
+        let w = DVec3::new(0.36, 0.48, 0.8);
+        let (mut o, mut on, mut medium) = (o, On::default(), medium);
+        for _ in 0..self.max_interfaces {
+            let Some(h) = self.boundary(o, w, f64::INFINITY, &on, medium) else { break };
+            medium = self.shapes[h.shape as usize].medium_behind(w, h.n, medium);
+            on = on.crossed(&h, self.tolerance(h.p));
+            o = h.p;
+        }
+        medium
     }
 
     /// The medium at `o`, told by the first interface along `w`; `otherwise` where there is none.

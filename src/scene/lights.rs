@@ -1,6 +1,6 @@
 //! Which light to connect to, and how: selection, and area lights, which need their shape.
 
-use super::{Hit, Scene};
+use super::{Hit, On, Scene};
 use crate::light::{Arrival, LightKind};
 use crate::math::discrete::Discrete;
 use crate::math::{DVec3, Rgb};
@@ -35,11 +35,10 @@ impl Scene {
         };
         let selection = table(&|i| self.lights[i].wants_connection());
         let local = table(&|i| self.lights[i].center().is_some());
-        let embedded = table(&|i| {
-            self.lights[i]
-                .center()
-                .is_some_and(|p| named[i].is_some() || super::advice::surrounding(self, p, None).is_some())
-        });
+        // Any interface on the way tells the medium, whatever opaque stands before it.
+        let outer = self.sensors.first().and_then(|c| self.outer_medium(c.to_world.translation, c.medium));
+        let within = |p: DVec3| self.medium_toward(p, DVec3::new(0.36, 0.48, 0.8), &On::default(), outer).is_some();
+        let embedded = table(&|i| self.lights[i].center().is_some_and(|p| named[i].is_some() || within(p)));
         self.selection = selection;
         self.embedded = embedded;
         self.local = local;

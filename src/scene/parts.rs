@@ -124,7 +124,7 @@ pub struct SensorPart<R> {
     pub to_world: Mat4<R>,
     /// Tangent of half the horizontal field of view; `None` = orthographic.
     pub tan_half: Option<R>,
-    pub offset: [f64; 2],
+    pub offset: [R; 2],
     pub film: FilmPart,
     pub spp: u64,
     pub seed: u64,
@@ -261,6 +261,7 @@ impl<R: Real> Parts<R> {
         for (i, s) in self.sensors.iter().enumerate() {
             let mut x = flat(&s.to_world);
             x.extend(s.tan_half);
+            x.extend(s.offset);
             v.push((Movable::Sensor(i), x));
         }
         v

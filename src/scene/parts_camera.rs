@@ -28,10 +28,10 @@ impl<R: Real> Reader<'_, R> {
             "perspective" => Some(self.field_of_view(n, &film)?),
             _ => None,
         };
-        let mut offset = [0.0; 2];
+        let mut offset = [R::zero(); 2];
         if tan_half.is_some() {
-            offset[0] = n.float::<f64>(&constants(self.env), "principal_point_offset_x", 0.0)?;
-            offset[1] = n.float::<f64>(&constants(self.env), "principal_point_offset_y", 0.0)?;
+            offset[0] = n.float(self.env, "principal_point_offset_x", 0.0)?;
+            offset[1] = n.float(self.env, "principal_point_offset_y", 0.0)?;
         }
         // Clipping planes are for rasterisers; Mitsuba clips rays with them, we see everything.
         for name in ["near_clip", "far_clip"] {

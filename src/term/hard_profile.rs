@@ -3,7 +3,7 @@
 //! The cone `<u,d> = cos θ |u|`, u = y - p, is a sheet like a shadow's, with nothing standing on its rays: n = (d - cos θ u/ρ) / sin θ
 //! toward the axis and `v_n = <n,ṗ> - <u,ḋ>/sin θ - ρ θ̇`.
 
-use super::sheet::{Grazed, Partials, Ray, Reach};
+use super::sheet::{Partials, Ray, Reach};
 use super::sheet_samples::{self, Found};
 use super::{Context, LightMotion, Motion, Partial, Room, Sample};
 use crate::error::{Error, Result};
@@ -105,12 +105,17 @@ impl Cone {
     }
 
     /// Abscissae of a line on the cone, its mirrored nappe left out.
-    fn crossings(&self, o: DVec3, w: DVec3) -> impl Iterator<Item = (f64, DVec3)> {
+    fn crossings(&self, o: DVec3, w: DVec3) -> Vec<(f64, DVec3)> {
+        // A half angle of 90 degrees makes the cone a plane.
+        if self.cos.abs() < 1e-8 {
+            let t = -(o - self.apex).dot(self.axis) / w.dot(self.axis);
+            return if t.is_finite() { vec![(t, o - self.apex + w * t)] } else { Vec::new() };
+        }
         let (u, axis, c2) = (o - self.apex, self.axis, self.cos * self.cos);
         let (ud, wd) = (u.dot(axis), w.dot(axis));
         let q = [wd * wd - c2, 2.0 * (ud * wd - c2 * u.dot(w)), ud * ud - c2 * u.length_squared()];
         let front = self.cos >= 0.0;
-        super::outline::quadratic(q).map(move |t| (t, u + w * t)).filter(move |(_, y)| (y.dot(axis) > 0.0) == front)
+        super::outline::quadratic(q).map(|t| (t, u + w * t)).filter(|(_, y)| (y.dot(axis) > 0.0) == front).collect()
     }
 }
 
@@ -133,7 +138,7 @@ impl Room for HardProfile {
                     if t > 0.0 && t < span.t1 && rho > 0.0 {
                         let ray = cone.ray(u / rho);
                         let ray = Ray { across: ray.across * self.table.probability(i), ..ray };
-                        let found = Found { spans, t, ray, rho, grazed: Grazed::NOTHING };
+                        let found = Found { spans, t, ray, rho, grazed: &[] };
                         sheet_samples::crossing(cx, &self.reach, &found, &cone.motion(&ray, rho), rng, emit);
                     }
                 }
@@ -148,6 +153,6 @@ impl Room for HardProfile {
         let (s, c) = (TAU * u).sin_cos();
         let ray = cone.ray(cone.axis * cone.cos + (x * c + y * s) * cone.sin);
         let ray = Ray { across: ray.across * probability, ..ray };
-        sheet_samples::outward(cx, &self.reach, &ray, Grazed::NOTHING, |ray, rho| cone.motion(ray, rho), rng, emit);
+        sheet_samples::outward(cx, &self.reach, &ray, &[], |ray, rho| cone.motion(ray, rho), rng, emit);
     }
 }

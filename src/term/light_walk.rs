@@ -127,6 +127,11 @@ impl LightWalk<'_> {
             return;
         }
         while s.depth + 1 < set.max_depth {
+            s.steps += 1;
+            if s.steps > set.cap {
+                cx.tally.capped += 1;
+                break;
+            }
             self.through_a_camera_ray(cx, &z, s.beta / s.r.mean(), &mut s.rng, emit);
             let (u, v) = (s.rng.uniform(), s.rng.uniform());
             let Some((w, f, density)) = z.sample(scene, u, v) else { break };

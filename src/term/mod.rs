@@ -76,8 +76,30 @@ impl Motion {
         Motion { lights: scene.lights.iter().map(motion).collect() }
     }
 
-    /// An error where more moves at once than the interior keeps apart.
-    pub fn check(&self) -> Result<()> {
+    /// An error where more moves at once than the interior keeps apart, and where a light moves in a medium in the picture itself (`crop`: x0, y0, x1,
+    /// y1, and the filter's radius around it): beside such a light a pixel's derivative is a principal value without variance.
+    pub fn check(&self, scene: &Scene, sensor: &Sensor, crop: [usize; 4], margin: f64) -> Result<()> {
+        for (i, (l, m)) in scene.lights.iter().zip(&self.lights).enumerate() {
+            let Some(p) = l.center().filter(|_| m.position && scene.embedded_selection(i as u32) > 0.0) else {
+                continue;
+            };
+            let Some(q) = sensor.project(p) else { continue };
+            let inside = (0..2).all(|k| {
+                let (lo, hi) = (crop[k] as f64 - margin, crop[k + 2] as f64 + margin);
+                q.film[k] > lo && q.film[k] < hi
+            });
+            let hidden = || scene.blocked_past(p, -q.w, q.distance, &[]);
+            if inside && !hidden() {
+                let [x, y] = q.film;
+                return Err(Error::usage(
+                    format!(
+                        "the light `{}` moves inside a medium and is seen at pixel ({x:.0}, {y:.0}): the derivative beside it cannot be computed yet",
+                        l.name
+                    ),
+                    "take a sensor that does not see it, or leave its pixel out with --crop",
+                ));
+            }
+        }
         let moving = self.lights.iter().filter(|l| l.position || l.direction || l.angles).count();
         if moving > 64 {
             let what = format!("{moving} lights move at once, more than 64");
@@ -92,6 +114,8 @@ pub struct Context<'a> {
     pub scene: &'a Scene,
     pub set: &'a Settings,
     pub sensor: &'a Sensor,
+    /// The medium beyond all interfaces.
+    pub outer: Option<u32>,
     /// Film points this far outside of the film still count, in pixels: the filter's radius.
     pub margin: f64,
     pub tally: Tally,

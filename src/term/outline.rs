@@ -9,14 +9,17 @@ use crate::light::LightKind;
 use crate::math::discrete::Discrete;
 use crate::math::{DVec3, warp};
 use crate::scene::Scene;
-use crate::shape::edges::edges;
+use crate::shape::edges::{Edge, edges};
 use crate::shape::{Bounds, Shape};
+use std::collections::HashMap;
 use std::f64::consts::TAU;
 
 /// Relative size of a cross product below which an edge points at the light [T] section 9.
 const DEGENERATE: f64 = 1e-14;
 /// Share of the selection that ignores what the light's rays to the outline meet.
 const BLIND: f64 = 0.1;
+/// Ends of edges of different shapes within this share of the scene's radius are one.
+const WELD: f64 = 1e-9;
 /// Outlines in a leaf of the hierarchy.
 const LEAF: usize = 4;
 
@@ -33,8 +36,8 @@ enum Curve {
 #[derive(Clone, Debug)]
 struct Outline {
     curve: Curve,
-    shape: u32,
-    faces: Vec<u32>,
+    /// Shapes whose outline it is, of meshes with their faces there.
+    grazed: Vec<(u32, Vec<u32>)>,
 }
 
 /// All outlines as one light sees them.
@@ -82,12 +85,22 @@ impl Outlines {
             _ => return None,
         };
         let mut list = Vec::new();
+        let mut edges = EdgeSet::default();
         for (i, s) in scene.shapes.iter().enumerate() {
             if scene.surfaces[s.surface as usize].is_null() {
                 continue;
             }
-            source.silhouettes(&s.shape, i as u32, &mut list);
+            match &s.shape {
+                Shape::Sphere(sphere) => source.sphere(sphere.center, sphere.radius, i as u32, &mut list),
+                Shape::Disk(d) => {
+                    let c = d.placement.point(DVec3::ZERO);
+                    let (x, y) = (d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y));
+                    list.push(Outline { curve: Curve::Rim { c, x, y }, grazed: vec![(i as u32, vec![0])] });
+                }
+                flat => edges.add(flat, i as u32, scene.bounds.radius()),
+            }
         }
+        edges.list.iter().for_each(|e| source.silhouette(e, &mut list));
         if list.is_empty() {
             return None;
         }
@@ -119,7 +132,7 @@ impl Outlines {
     }
 
     fn grazed(&self, i: usize) -> Grazed<'_> {
-        Grazed { shape: self.list[i].shape, faces: &self.list[i].faces }
+        &self.list[i].grazed
     }
 
     /// Its angle (or length) as the light sees it, times how much of it the light reaches.
@@ -530,37 +543,60 @@ pub(super) fn quadratic([a, b, c]: [f64; 3]) -> impl Iterator<Item = f64> {
 }
 
 impl Source {
-    fn silhouettes(&self, shape: &Shape, id: u32, list: &mut Vec<Outline>) {
-        let mut add = |curve, faces| list.push(Outline { curve, shape: id, faces });
-        match shape {
-            Shape::Sphere(s) => match self {
-                // From inside there is no silhouette.
-                Source::Point(p) if (s.center - *p).length() <= s.radius => {}
-                _ => add(Curve::Sphere { c: s.center, r: s.radius }, Vec::new()),
-            },
-            Shape::Disk(d) => {
-                let c = d.placement.point(DVec3::ZERO);
-                add(Curve::Rim { c, x: d.placement.vector(DVec3::X), y: d.placement.vector(DVec3::Y) }, vec![0]);
+    fn sphere(&self, c: DVec3, r: f64, shape: u32, list: &mut Vec<Outline>) {
+        // From inside there is no silhouette.
+        if !matches!(self, Source::Point(p) if (c - *p).length() <= r) {
+            list.push(Outline { curve: Curve::Sphere { c, r }, grazed: vec![(shape, Vec::new())] });
+        }
+    }
+
+    fn silhouette(&self, e: &SharedEdge, list: &mut Vec<Outline>) {
+        let (normal, scale) = match self {
+            Source::Point(p) => {
+                let (a, b) = (e.edge.a - *p, e.edge.b - *p);
+                (a.cross(b), a.length() * b.length())
             }
-            Shape::Mesh(_) | Shape::Rectangle(_) | Shape::Cube(_) => {
-                for e in edges(shape) {
-                    let (normal, scale) = match self {
-                        Source::Point(p) => {
-                            let (a, b) = (e.a - *p, e.b - *p);
-                            (a.cross(b), a.length() * b.length())
-                        }
-                        Source::Distant(d) => (d.cross(e.b - e.a), (e.b - e.a).length()),
-                    };
-                    let length = normal.length();
-                    if length.is_nan() || length <= DEGENERATE * scale {
-                        continue;
-                    }
-                    let side = e.covered_side(normal);
-                    if side != 0.0 {
-                        let faces = e.sides.iter().map(|s| s.face).collect();
-                        add(Curve::Edge { a: e.a, b: e.b, n: normal * (-side / length) }, faces);
-                    }
+            Source::Distant(d) => (d.cross(e.edge.b - e.edge.a), (e.edge.b - e.edge.a).length()),
+        };
+        let length = normal.length();
+        if length.is_nan() || length <= DEGENERATE * scale {
+            return;
+        }
+        let side = e.edge.covered_side(normal);
+        if side != 0.0 {
+            let curve = Curve::Edge { a: e.edge.a, b: e.edge.b, n: normal * (-side / length) };
+            list.push(Outline { curve, grazed: e.faces.clone() });
+        }
+    }
+}
+
+/// An edge with the faces of all shapes that share it.
+struct SharedEdge {
+    edge: Edge,
+    faces: Vec<(u32, Vec<u32>)>,
+}
+
+/// Edges of all flat shapes: those whose ends coincide are one, whichever shapes they belong to (a box of rectangles).
+#[derive(Default)]
+struct EdgeSet {
+    list: Vec<SharedEdge>,
+    by_ends: HashMap<[[i64; 3]; 2], usize>,
+}
+
+impl EdgeSet {
+    fn add(&mut self, shape: &Shape, id: u32, size: f64) {
+        let cell = size.max(f64::MIN_POSITIVE) * WELD;
+        let key = |p: DVec3| (p / cell).round().to_array().map(|x| x as i64);
+        for e in edges(shape) {
+            let (a, b) = (key(e.a), key(e.b));
+            let at = *self.by_ends.entry(if a < b { [a, b] } else { [b, a] }).or_insert(self.list.len());
+            let faces = e.sides.iter().map(|s| s.face).collect();
+            match self.list.get_mut(at) {
+                Some(shared) => {
+                    shared.edge.sides.extend(e.sides);
+                    shared.faces.push((id, faces));
                 }
+                None => self.list.push(SharedEdge { edge: e, faces: vec![(id, faces)] }),
             }
         }
     }

@@ -45,16 +45,8 @@ impl Ray {
     }
 }
 
-/// What stands on a sheet's rays: nothing, or an outline that they graze.
-#[derive(Clone, Copy, Debug)]
-pub struct Grazed<'a> {
-    pub shape: u32,
-    pub faces: &'a [u32],
-}
-
-impl Grazed<'_> {
-    pub const NOTHING: Grazed<'static> = Grazed { shape: u32::MAX, faces: &[] };
-}
+/// What a sheet's rays graze: shapes, of meshes certain faces only. Nothing for a light's own edge.
+pub type Grazed<'a> = &'a [(u32, Vec<u32>)];
 
 /// Where on its rays a sheet is sampled: in the box of all media, by the angle that distances subtend at the camera.
 #[derive(Clone, Debug)]

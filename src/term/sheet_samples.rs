@@ -28,10 +28,10 @@ fn irradiance(cx: &mut Context, ray: &Ray, y: DVec3, medium: Option<u32>, on: &O
 
 /// Nearest surface on a ray of a sheet; `None` if something stands before the sheet begins.
 fn receiver(scene: &Scene, ray: &Ray, grazed: Grazed) -> Option<Option<Hit>> {
-    let hit = scene.opaque_past(ray.origin, ray.w, f64::INFINITY, grazed.shape, grazed.faces);
+    let hit = scene.opaque_past(ray.origin, ray.w, f64::INFINITY, grazed);
     if ray.distant {
         // Behind the outline the way to the light has to be clear too.
-        let blocked = scene.blocked_past(ray.origin, -ray.w, f64::INFINITY, grazed.shape, grazed.faces);
+        let blocked = scene.blocked_past(ray.origin, -ray.w, f64::INFINITY, grazed);
         return (!blocked).then_some(hit);
     }
     match hit {
@@ -42,8 +42,12 @@ fn receiver(scene: &Scene, ray: &Ray, grazed: Grazed) -> Option<Option<Hit>> {
 
 /// Whether the light reaches the point at `rho`.
 pub fn is_lit(scene: &Scene, ray: &Ray, rho: f64, grazed: Grazed) -> bool {
-    let clear = !scene.blocked_past(ray.origin, ray.w, rho, grazed.shape, grazed.faces);
-    clear && (!ray.distant || !scene.blocked_past(ray.origin, -ray.w, f64::INFINITY, grazed.shape, grazed.faces))
+    if !ray.distant {
+        return !scene.blocked_past(ray.origin, ray.w, rho, grazed);
+    }
+    // The ray starts on the outline, which may stand on something.
+    let beyond = rho > 0.0 && scene.opaque_past(ray.origin, ray.w, rho, grazed).is_some();
+    !(beyond || scene.blocked_past(ray.origin, -ray.w, f64::INFINITY, grazed))
 }
 
 /// The medium spans of a camera ray in order, up to the first opaque surface.
@@ -133,7 +137,7 @@ pub fn outward(
         let y = ray.at(rho);
         let toward = if ray.distant { -ray.w } else { ray.origin - y };
         let on = On::default();
-        let medium = scene.medium_toward(y, toward.normalize(), &on, cx.sensor.medium);
+        let medium = scene.medium_toward(y, toward.normalize(), &on, cx.outer);
         let e = irradiance(cx, ray, y, medium, &on, rng);
         if let (Some(id), Some(e)) = (medium, e) {
             let z = Vertex { p: y, w: ray.w, medium, hit: None };
@@ -152,7 +156,7 @@ pub fn outward(
     }
     if let Some(h) = end.filter(|h| scene.reflects(h)) {
         let on = On::at(&h);
-        let medium = scene.medium_toward(h.p, -ray.w, &on, cx.sensor.medium);
+        let medium = scene.medium_toward(h.p, -ray.w, &on, cx.outer);
         if let Some(e) = irradiance(cx, ray, h.p, medium, &on, rng) {
             let z = Vertex { p: h.p, w: ray.w, medium, hit: Some(h) };
             let weight = e * (ray.spread(h.t) / ray.across);

@@ -92,7 +92,8 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let density = q / (2.0 * (radius * r).sqrt()) / (4.0 * PI * r * r);
     let prefix = s.beta / s.r.mean();
     let side = w.rec.side_len();
-    let mut rng = s.aside;
+    // Apart from the stream that the connection's own line integral draws from: the two are multiplied.
+    let mut rng = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 3, 0);
     // Exact transmittances: noise of their own would not cancel.
     let (at_light, at_y) = (Sight::new(w, s, vertex, p, None), Sight::new(w, s, vertex, y, None));
     if let Some(a) = scene.arrival(light, y, 0.0, 0.0) {
@@ -124,7 +125,7 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             w.rec.push(Event::Drift { slot: scene.lights[light as usize].place.position, v: -n, value: flux });
         }
     }
-    s.aside = rng;
+    s.aside.next_u64();
     // Their spans are nobody's: only motion was scored.
     w.rec.side_truncate(side);
 }

@@ -202,7 +202,9 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Piece
         let depth = piece.before + tracking::depth(m, &part);
         let (_, sigma_s) = m.coefficients(point);
         let d = density[hero];
-        s.beta = Rgb::from_fn(|c| s.beta[c] * (-depth[c]).exp() * sigma_s[c] / (d * p));
+        // The hero is one of the channels that collide at all; `beta / mean(r)` takes it for one of three.
+        let lit = (0..3).filter(|&c| total[c] > 0.0).count() as f64 / 3.0;
+        s.beta = Rgb::from_fn(|c| s.beta[c] * (-depth[c]).exp() * sigma_s[c] * lit / (d * p));
         s.r = Rgb::from_fn(|c| s.r[c] * density[c] / d);
     }
     s.hero = hero;
