@@ -59,6 +59,8 @@ pub struct State {
     pub grand: Option<DVec3>,
     /// Optical depth of homogeneous spans since the last vertex, for the MIS weight.
     pub tau: Rgb,
+    /// Probability with which the last vertex connected to the environment.
+    pub to_environment: f64,
     /// Technique weights of the equi-angular connection at the collision at hand.
     pub flight: Flight,
     /// First surface vertex of a derivative continuation: its reflectance counts as 1.
@@ -107,6 +109,7 @@ impl State {
             from: None,
             grand: None,
             tau: Rgb::ZERO,
+            to_environment: 0.0,
             flight: Flight::default(),
             unit_reflectance: false,
             pending: None,
@@ -216,7 +219,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             let (beta, r) = (s.beta, s.r);
             match tracking::fly(medium, &span, s) {
                 Some(t) => {
-                    let density = tracking::flight_density(medium, &span, t);
+                    let weighs = scene.weighs_flights();
+                    let density = if weighs { tracking::flight_density(medium, &span, t) } else { 0.0 };
                     s.flight = Flight { span: Some(span), density, reach: s.reach() };
                     self.walked(s, span, t, beta, r);
                     self.collide(s, t);
@@ -282,8 +286,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         let light = &self.scene.lights[id as usize];
-        let Some(emission) = light.escape(s.w) else { return };
-        let p = self.scene.selection(id) * light.escape_pdf(s.w);
+        let Some((emission, pdf)) = light.escape(s.w) else { return };
+        let p = s.to_environment * pdf;
         self.emit(s, emission, p);
     }
 
