@@ -2,6 +2,7 @@
 
 pub mod error;
 pub mod image;
+pub mod inverse;
 pub mod light;
 pub mod math;
 pub mod medium;

@@ -10,7 +10,7 @@ use tyndall::image::exr::{self, ExrImage};
 /// A small fog with a wall and a lamp.
 const SCENE: &str = r#"<scene version="3.0.0">
   <default name="sigma_t" value="0.35"/><default name="albedo" value="0.7"/><default name="intensity" value="10"/>
-  <default name="light_x" value="1.2"/><default name="depth" value="4"/><default name="size" value="12"/>
+  <default name="light_x" value="1.2"/><default name="depth" value="4"/><default name="size" value="12"/><default name="wall_z" value="6"/>
   <?diff param="sigma_t" min="0" max="1"?>
   <integrator type="volpath"><integer name="max_depth" value="$depth"/></integrator>
   <medium type="homogeneous" id="fog"><float name="sigma_t" value="$sigma_t"/><float name="albedo" value="$albedo"/></medium>
@@ -19,7 +19,7 @@ const SCENE: &str = r#"<scene version="3.0.0">
     <sampler type="independent"><integer name="sample_count" value="32"/></sampler></sensor>
   <sensor type="orthographic" id="side"><ref id="fog"/>
     <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/></film></sensor>
-  <shape type="rectangle" id="wall"><transform name="to_world"><scale value="5"/><rotate y="1" angle="180"/><translate z="6"/></transform>
+  <shape type="rectangle" id="wall"><transform name="to_world"><scale value="5"/><rotate y="1" angle="180"/><translate z="$wall_z"/></transform>
     <bsdf type="diffuse"><rgb name="reflectance" value="0.5, 0.4, 0.3"/></bsdf></shape>
   <emitter type="point" id="lamp"><point name="position" value="$light_x, 1.5, 2.5"/><rgb name="intensity" value="$intensity"/>
     <ref id="fog"/></emitter>
@@ -197,8 +197,8 @@ fn nothing_is_written_on_usage_and_scene_errors() {
         ("grad fog.xml --wrt sigma_t,sigma_t", "twice"),
         ("grad fog.xml --wrt depth", "an integer"),
         ("grad fog.xml --wrt fog.sigma_t.grid", "not available yet"),
-        ("grad fog.xml --wrt light_x", "light_x"),
-        ("grad fog.xml --wrt sigma_t --terms light_shadow", "not available yet"),
+        ("grad fog.xml --wrt wall_z", "wall_z"),
+        ("grad fog.xml --wrt sigma_t --terms medium_edge", "not available yet"),
         ("grad fog.xml --wrt sigma_t --terms interio", "did you mean `interior`"),
         ("grad fog.xml --wrt sigma_t --loss l2", "--target"),
         ("grad fog.xml --wrt sigma_t --adjoint fog.xml", "fog.xml"),
@@ -395,10 +395,10 @@ fn version_help_completions_and_man() {
 #[test]
 fn plan_names_what_is_missing() {
     let b = Bench::new();
-    let plan = b.expect(0, "plan fog.xml --wrt light_x,sigma_t --json").json();
+    let plan = b.expect(0, "plan fog.xml --wrt wall_z,sigma_t --json").json();
     let lines = plan["lines"].as_array().unwrap();
     let decision = |letters: &str| lines.iter().find(|l| l["letters"] == letters).unwrap()["decision"].clone();
-    assert_eq!((decision("P"), decision("R")), ("use".into(), "missing".into()));
+    assert_eq!((decision("P"), decision("E1")), ("use".into(), "missing".into()));
     assert!(b.expect(0, "plan fog.xml --wrt light_x").stdout.contains("light_shadow"));
     assert_eq!(b.files(), ["fog.xml"]);
 }
@@ -410,8 +410,9 @@ fn info_knows_every_kind_of_file() {
     let p = &scene["parameters"][0];
     assert_eq!((&p["name"], &p["max"], &p["refused"]), (&"sigma_t".into(), &1.0.into(), &serde_json::Value::Null));
     assert_eq!(p["acts_on"][0], "fog.sigma_t");
-    assert_eq!(scene["parameters"][3]["acts_on"][0], "position of lamp");
-    assert!(!scene["parameters"][3]["refused"].is_null());
+    assert_eq!(scene["parameters"][3]["acts_on"][0], "lamp.position");
+    assert!(scene["parameters"][3]["refused"].is_null());
+    assert!(!scene["parameters"][6]["refused"].is_null());
     assert!(scene["parameters"][4]["acts_on"][0].as_str().unwrap().starts_with("an integer (`max_depth`)"));
 
     let vdb = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/fire/blender_fire_0032.vdb");

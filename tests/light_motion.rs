@@ -5,9 +5,7 @@ mod common;
 use common::{against_differences, check, derivatives};
 
 /// [T] AL1 with the light at $x, $y, $z: camera at 0 looking along +z, black wall at z = 6, half-plane y = 0.8, z >= 3.
-fn al1() -> String {
-    format!(
-        r#"<scene version="3.0.0">
+const AL1: &str = r#"<scene version="3.0.0">
     <default name="x" value="1.2"/><default name="y" value="1.5"/><default name="z" value="2.5"/>
     <integrator type="volpath"><integer name="max_depth" value="2"/></integrator>
     <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.35"/><float name="albedo" value="0.7142857142857143"/>
@@ -20,13 +18,11 @@ fn al1() -> String {
     <emitter type="point"><point name="position" value="$x, $y, $z"/><rgb name="intensity" value="10"/><ref id="fog"/></emitter>
     <shape type="rectangle"><transform name="to_world"><scale value="1000"/><rotate x="1" angle="90"/>
         <translate x="0" y="0.8" z="1003"/></transform><bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></bsdf></shape>
-    </scene>"#
-    )
-}
+    </scene>"#;
 
 #[test]
 fn al1_interior_rows() {
-    let r = derivatives(&al1(), &["x", "y", "z"], &["interior"], 1 << 18);
+    let r = derivatives(AL1, &["x", "y", "z"], &["interior"], 1 << 18);
 
     check("interior dL/dx", &r[0], -0.030870108191, 0.005);
     check("interior dL/dy", &r[1], -0.038587635238, 0.005);

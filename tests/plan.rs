@@ -59,8 +59,10 @@ fn every_row_of_the_table() {
     let turned = Motion { zero_measure_light: true, ..still };
     expect("point light moves, no occluder", lamp(fog), moved, "M");
     expect("hard light moves, no occluder", Facts { hard_profile: true, ..lamp(fog) }, moved, "M H");
-    expect("point light moves, black occluders, medium", lamp(foggy_black_room), moved, "M G E2");
-    expect("point light moves, occluders, medium, lit surfaces", lamp(foggy_room), moved, "M G R E2");
+    // The table has E2 here too, for vertices that a warp moves past static silhouettes. No vertex moves in this program
+    // (`transport::beside`), so nothing enters that term.
+    expect("point light moves, black occluders, medium", lamp(foggy_black_room), moved, "M G");
+    expect("point light moves, occluders, medium, lit surfaces", lamp(foggy_room), moved, "M G R");
     expect("sun turns, occluders, medium", sun(foggy_black_room), turned, "M G");
     expect("hard light moves, occluders", Facts { hard_profile: true, ..sun(foggy_black_room) }, turned, "M G H");
     let shape = Motion { opaque: true, ..still };
@@ -116,16 +118,28 @@ fn scenes_give_their_rows() {
         (format!(r#"{CAMERA}<medium type="homogeneous" id="f"><float name="sigma_t" value="$x"/></medium>"#), "P", ""),
         (
             format!(r#"{CAMERA}{FOG}{WALL}<emitter type="point"><point name="position" value="$x, 0, 0"/></emitter>"#),
+            "M G R",
             "",
-            "M E2 G R",
         ),
-        (format!(r#"{CAMERA}{FOG}<emitter type="point"><point name="position" value="$x, 0, 0"/></emitter>"#), "", "M"),
+        (format!(r#"{CAMERA}{FOG}<emitter type="point"><point name="position" value="$x, 0, 0"/></emitter>"#), "M", ""),
         (
             format!(
                 r#"{CAMERA}{WALL}<emitter type="directional"><vector name="direction" x="$x" y="0" z="1"/></emitter>"#
             ),
-            "",
             "M R",
+            "",
+        ),
+        (
+            format!(r#"{CAMERA}{FOG}{WALL}<emitter type="spot"><float name="cutoff_angle" value="$x"/></emitter>"#),
+            "P",
+            "",
+        ),
+        (
+            format!(
+                r#"{CAMERA}{FOG}{WALL}<emitter type="spot"><float name="cutoff_angle" value="$x"/><float name="beam_width" value="$x"/></emitter>"#
+            ),
+            "H",
+            "",
         ),
         (format!(r#"<sensor type="perspective"><float name="fov" value="$x"/></sensor>{FOG}"#), "", "M"),
         (

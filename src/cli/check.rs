@@ -3,13 +3,13 @@
 use super::files;
 use super::format;
 use super::grad::tell_idle;
-use super::log::Log;
+use super::log::{Log, Pace};
 use super::options::{LogOptions, SceneOptions, StudyOptions, duration, parameters};
 use super::run::{Setup, to_json};
 use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tyndall::error::{Error, Result};
 use tyndall::image::{RgbImage, output};
 use tyndall::render::family::{Family, View};
@@ -110,17 +110,8 @@ impl CheckArgs {
             step: self.step.0,
             ..CheckOptions::default()
         };
-        let mut spoken = Instant::now();
-        let mut say = |text: String| {
-            // A plain log of a short run stays empty.
-            if spoken.elapsed() > Duration::from_secs(10) {
-                spoken = Instant::now();
-                log.info(text);
-            } else {
-                log.detail(text);
-            }
-        };
-        let found = check::check(&family, view, &wrt, &options, &check::ours(view), &mut say);
+        let mut pace = Pace::new(log);
+        let found = check::check(&family, view, &wrt, &options, &check::ours(view), &mut |text| pace.say(text));
         if let Some(code) = setup.stop.exit_code() {
             return Ok(code);
         }

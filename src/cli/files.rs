@@ -73,6 +73,25 @@ pub fn check_place(path: &Path, overwrite: bool) -> Result<()> {
     }
 }
 
+/// Whether a folder may be written into: refused where it holds something that must not be replaced.
+pub fn check_folder(path: &Path, overwrite: bool) -> Result<()> {
+    if path.exists() && !path.is_dir() {
+        return Err(Error::usage(format!("{} is a file", path.display()), "give the name of a folder"));
+    }
+    if !overwrite && std::fs::read_dir(path).is_ok_and(|mut d| d.next().is_some()) {
+        return Err(Error::Mismatch {
+            what: format!("the folder {} exists and is not empty", path.display()),
+            remedy: "pass --overwrite to replace files in it, or -o for another name".into(),
+        });
+    }
+    Ok(())
+}
+
+pub fn make_folder(path: &Path) -> Result<()> {
+    let fail = |source| Error::Io { what: format!("cannot make the folder {}", path.display()), source };
+    std::fs::create_dir_all(path).map_err(fail)
+}
+
 /// Layers of a film as EXR channels; also how many values leave the range of single precision.
 ///
 pub fn image(o: &Outcome, crop: [usize; 4], full: [usize; 2]) -> (ExrImage, usize) {

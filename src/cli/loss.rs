@@ -1,18 +1,13 @@
-//! Losses of a picture I against a reference T, and their adjoint images dL/dI.
-//!
-//! Means run over pixels and channels, n terms:
-//! l2 = mean (I - T)^2; l1 = mean |I - T|; relative-l2 = sum (I - T)^2 / sum T^2.
-//!
-//! I is an estimate. Where the loss is quadratic its expectation exceeds the loss of the true picture by the variance of I, which is
-//! taken off, so the value is unbiased; so is the gradient, because the pass that makes it draws from another stream. l1 has
-//! no such correction: its sign is that of a noisy pixel.
+//! `--loss` and what is reported of it; the losses themselves are in `inverse::loss`.
 
 use clap::ValueEnum;
 use serde::Serialize;
-use tyndall::error::{Error, Result};
-use tyndall::image::RgbImage;
+use tyndall::error::Result;
+use tyndall::inverse::loss;
 use tyndall::math::Rgb;
 use tyndall::render::film::Film;
+
+pub use tyndall::inverse::loss::crop_of as fit;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -25,6 +20,24 @@ pub enum Loss {
     RelativeL2,
 }
 
+impl From<Loss> for loss::Loss {
+    fn from(l: Loss) -> Self {
+        match l {
+            Loss::L2 => loss::Loss::L2,
+            Loss::L1 => loss::Loss::L1,
+            Loss::RelativeL2 => loss::Loss::RelativeL2,
+        }
+    }
+}
+
+impl Loss {
+    /// The loss of a film's picture, and its adjoint image.
+    pub fn evaluate(self, film: &Film, target: &[Rgb]) -> Result<(f64, Vec<Rgb>)> {
+        let e = loss::Loss::from(self).evaluate(film, target)?;
+        Ok((e.value, e.adjoint))
+    }
+}
+
 #[derive(Serialize)]
 pub struct LossReport {
     pub kind: Loss,
@@ -34,56 +47,4 @@ pub struct LossReport {
     /// Samples a pixel of the picture that the loss was taken from, and its seed.
     pub spp: u64,
     pub seed: u64,
-}
-
-impl Loss {
-    /// The loss of a film's picture, and its adjoint image.
-    pub fn evaluate(self, film: &Film, target: &[Rgb]) -> Result<(f64, Vec<Rgb>)> {
-        let n = 3.0 * target.len() as f64;
-        let squares: f64 = target.iter().map(|t| t.dot(*t)).sum();
-        let scale = if self == Loss::RelativeL2 { 1.0 / squares } else { 1.0 / n };
-        if !scale.is_finite() {
-            return Err(Error::usage("the target is black: a relative loss divides by it", "use --loss l2"));
-        }
-        let mut value = 0.0;
-        let mut adjoint = Vec::with_capacity(target.len());
-        for (p, t) in target.iter().enumerate() {
-            let d = film.mean(0, p) - *t;
-            if self == Loss::L1 {
-                value += d.abs().sum() * scale;
-                adjoint.push(d.map(|x| if x == 0.0 { 0.0 } else { x.signum() * scale }));
-            } else {
-                let variance = film.variance_of_mean(0, p).map_or(f64::NAN, |v| v.sum());
-                value += (d.dot(d) - variance) * scale;
-                adjoint.push(d * (2.0 * scale));
-            }
-        }
-        Ok((value, adjoint))
-    }
-}
-
-/// The part of an image that a crop renders: the image is of the crop's size, or of the full picture's.
-pub fn fit(image: &RgbImage, name: &str, crop: [usize; 4], full: [usize; 2]) -> Result<Vec<Rgb>> {
-    let [x0, y0, x1, y1] = crop;
-    let (w, h) = (x1 - x0, y1 - y0);
-    let (dx, dy) = match (image.width, image.height) {
-        size if size == (w, h) => (0, 0),
-        size if size == (full[0], full[1]) => (x0, y0),
-        (iw, ih) => {
-            let what = format!("{name} has {iw} x {ih} pixels, the picture has {w} x {h}");
-            return Err(Error::usage(what, "give an image of the same size"));
-        }
-    };
-    let pixel = |i: usize| {
-        let p = image.pixels[(i / w + dy) * image.width + i % w + dx];
-        Rgb(p.map(f64::from))
-    };
-    let out: Vec<Rgb> = (0..w * h).map(pixel).collect();
-    match out.iter().position(|p| !p.is_finite()) {
-        Some(i) => {
-            let what = format!("{name}: pixel ({}, {}) is not finite", i % w + dx, i / w + dy);
-            Err(Error::usage(what, "correct the image: one such pixel spoils every gradient"))
-        }
-        None => Ok(out),
-    }
 }

@@ -5,7 +5,10 @@
 
 mod check;
 mod completions;
+mod converge;
 mod files;
+mod fit;
+mod fit_problem;
 mod format;
 mod grad;
 mod info;
@@ -44,6 +47,8 @@ enum Command {
     Render(render::RenderArgs),
     Grad(grad::GradArgs),
     Check(check::CheckArgs),
+    Fit(Box<fit::FitArgs>),
+    Converge(converge::ConvergeArgs),
     Info(info::InfoArgs),
     Plan(plan::PlanArgs),
     Stress(stress::StressArgs),
@@ -59,6 +64,8 @@ impl Command {
             Command::Render(a) => a.run(log),
             Command::Grad(a) => a.run(log),
             Command::Check(a) => a.run(log),
+            Command::Fit(a) => a.run(log),
+            Command::Converge(a) => a.run(log),
             Command::Info(a) => a.run(log),
             Command::Plan(a) => a.run(log),
             Command::Stress(a) => a.run(log),
@@ -72,6 +79,8 @@ impl Command {
             Command::Render(a) => a.log.clone(),
             Command::Grad(a) => a.log.clone(),
             Command::Check(a) => a.log.clone(),
+            Command::Fit(a) => a.log.clone(),
+            Command::Converge(a) => a.log.clone(),
             Command::Info(a) => a.log.clone(),
             Command::Plan(a) => a.log.clone(),
             Command::Stress(a) => a.log.clone(),

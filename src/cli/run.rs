@@ -275,6 +275,7 @@ fn terms(derivatives: &[Layer], parameters: usize, samples: u64, done: &Done) ->
     let report = |(k, &(name, seconds)): (usize, &(&str, f64))| {
         // The sums come first, then the terms in their order; a single term is the sum.
         let own = match derivatives.len() / parameters.max(1) {
+            0 => &[],
             1 if rooms.is_empty() => &derivatives[..parameters],
             1 => &[],
             _ => &derivatives[(k + 1) * parameters..(k + 2) * parameters],

@@ -200,6 +200,7 @@ impl Job<'_> {
         let start = Instant::now();
         let params = self.mode.params().filter(|p| !p.is_empty());
         let rooms = params.map(|p| Rooms::new(self.scene, self.sensor, self.seed, p, |n| self.terms.wants(n)));
+        let rooms = rooms.transpose()?;
         let mut rooms = rooms.filter(|r| !r.is_empty());
         let sweep = params.filter(|_| self.terms.wants("interior")).map(|params| Sweep {
             scene: self.scene,

@@ -109,11 +109,19 @@ impl<'a> View<'a> {
     }
 
     /// The picture and one derivative image a parameter, of the terms of this view.
-    ///
-    /// The only place where studies and fits make a derivative job: `self.terms` goes into the job here.
     pub fn derivative(&self, scene: &Scene, params: &ParamSet, spp: u64, seed: u64) -> Result<Outcome> {
+        self.derivatives(scene, params, spp, seed, false)
+    }
+
+    /// The same, and a layer `d_<param>.<term>` of every term by itself.
+    pub fn split(&self, scene: &Scene, params: &ParamSet, spp: u64, seed: u64) -> Result<Outcome> {
+        self.derivatives(scene, params, spp, seed, true)
+    }
+
+    /// The only place where studies and fits make a derivative job.
+    fn derivatives(&self, scene: &Scene, params: &ParamSet, spp: u64, seed: u64, split: bool) -> Result<Outcome> {
         let terms = Terms::parse(self.terms)?;
-        finished(Job { terms, ..self.job(scene, Mode::Forward(params), spp, seed) }.run(&|_| {})?)
+        finished(Job { terms, split, ..self.job(scene, Mode::Forward(params), spp, seed) }.run(&|_| {})?)
     }
 }
 

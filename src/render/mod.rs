@@ -1,5 +1,6 @@
 //! Numbers to files: the film and its health, EXR, previews, plots and the report.
 
+pub mod animation;
 pub mod driver;
 pub mod family;
 pub mod film;

@@ -305,6 +305,11 @@ impl Plan {
                 }
                 all.entry(term).or_insert_with(|| format!("{why} ({name})"));
             }
+            if (motion.zero_measure_light || motion.profile) && has_nearest_grid(&parts) {
+                let why = "a nearest-neighbour grid jumps at every cell face: use filter_type trilinear";
+                missing.push((name.clone(), Term::N, why));
+                all.entry(Term::N).or_insert_with(|| format!("{why} ({name})"));
+            }
         }
         let lines = Term::ALL
             .iter()
@@ -334,6 +339,10 @@ impl Plan {
             ),
         ))
     }
+}
+
+fn has_nearest_grid(p: &Parts<f64>) -> bool {
+    p.media.iter().any(|m| matches!(m.density, VolumePart::Vol { smooth: false, .. }))
 }
 
 /// Facts of a scene from its parts.

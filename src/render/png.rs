@@ -245,7 +245,7 @@ impl Sheet {
         self.draw().write(path)
     }
 
-    fn draw(&self) -> Canvas {
+    pub(super) fn draw(&self) -> Canvas {
         let range = self.shown_range();
         let columns = if self.columns == 0 { self.panels.len().clamp(1, 4) } else { self.columns };
         let rows = self.panels.len().div_ceil(columns).max(1);

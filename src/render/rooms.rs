@@ -5,19 +5,20 @@
 //! film divides by the samples taken.
 
 use super::filter;
+use crate::error::Result;
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
 use crate::params::{ParamSet, Sink, Slot};
 use crate::scene::Scene;
 use crate::scene::parts::Filter;
 use crate::sensor::Sensor;
-use crate::term::{Context, Motion, Room, Sample, rooms};
+use crate::term::{Context, Motion, Room, Sample, hard_profile, rooms};
 use crate::transport::Tally;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// Samples of a room, along and outward alike, for one sample of the picture: the least and the most.
-const RATE: (f64, f64) = (1.0 / 8.0, 4.0);
+const RATE: (f64, f64) = (1.0 / 8.0, 3.0);
 /// Cost of a room's sample (one along, one outward) over that of a path with its derivative, in rays.
 const COST: f64 = 1.0;
 /// Outward samples of one work item.
@@ -60,15 +61,17 @@ impl<'a> Rooms<'a> {
         seed: u64,
         params: &ParamSet,
         wanted: impl Fn(&str) -> bool,
-    ) -> Rooms<'a> {
+    ) -> Result<Rooms<'a>> {
         let motion = Motion::new(scene, params);
+        motion.check()?;
+        hard_profile::refuse(scene, &motion)?;
         let filter = scene.films[sensor].part.filter;
         let sensor = &scene.sensors[sensor];
         let list = rooms(scene, sensor, &motion, wanted);
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();
         let along = vec![1.0; list.len()];
         let outward = vec![(sensor.width * sensor.height) as u64; list.len()];
-        Rooms { scene, sensor, filter, seed, list, along, outward, nanoseconds }
+        Ok(Rooms { scene, sensor, filter, seed, list, along, outward, nanoseconds })
     }
 
     /// Share out the work: with rate r a room's variance is `variance / r` and its cost `COST r`, beside 1 for the interior. `interior`,

@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 /// Rounds a stage.
 const ROUNDS: u64 = 32;
 /// Samples that a round has at least, over its pixels: its pilot should not be what costs.
-const LEAST: usize = 4096;
+const LEAST: usize = 2048;
 
 #[derive(Clone, Debug)]
 pub struct CheckOptions {

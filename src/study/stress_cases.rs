@@ -29,6 +29,7 @@ pub fn runner(name: &str) -> Option<Runner> {
         "film-accumulation" => units::film_accumulation,
         "airlight-table" => airlight::all_rows,
         _ if name.starts_with("airlight-") => airlight::case,
+        _ if name.starts_with("shadow-edge-") => airlight::shadow_edge,
         _ if name.starts_with("point-irradiance-") => airlight::point_irradiance,
         _ if name.starts_with("T-") => grids::transmittance,
         _ if slab::is_table_case(name) => slab::table_case,

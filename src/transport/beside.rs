@@ -1,20 +1,22 @@
 //! The motion of a light beside it: where the score of a connection, `~ r^-3`, is not integrable.
 //!
-//! With all vertices of a path fixed, `∂_p r^-2` at a medium vertex y diverges too fast for any density ([T] 5.5). Two balls tame it, both
-//! relative to the path: y belongs to the ball of the vertex x before it if it is nearer to the light than half as far as x.
+//! With all vertices of a path fixed, `∂_p r^-2` at a medium vertex y diverges too fast for any density ([T] 5.5). Balls tame it: y lies in the ball of
+//! the vertex x before it if it is nearer to the light than half as far as x.
 //!
-//! * Paths with y in the ball of x are scored by [`ball`] alone, drawn around the light with a model subtracted.
-//! * What that leaves at x grows like `|x-p|^-2`, whose second moment is infinite under free flight. So paths z, x, y, light with x
-//!   in the ball of z are scored by [`chain`] alone, which draws x around the light. Longer ones grow like `|x-p|^-1` and need nothing.
+//! * A path that ends x, y, light with y in the ball of x is scored by [`ball`] alone, drawn around the light with a model subtracted.
+//! * What that leaves at x grows like `|x-p|^-2`: its second moment is infinite where free flight drew x. So a path that enters a ball (x in
+//!   that of z) and scatters on is scored by [`chain`] alone, from the first vertex z whose ball it enters: x is drawn around the light,
+//!   and the walk from there scores by these same rules, chains of its own included. The walk that entered by chance scores
+//!   that light's motion no more ([`State::left`]).
 //!
 //! All other connections score as they are ([`follows`]).
 
 use super::aim::{Aim, Turn};
-use super::connect;
-use super::light_centred::{self, Sight, Vertex};
-use super::record::{Event, MediumSpan, Recorder};
+use super::light_centred::{Sight, Vertex};
+use super::record::{CHAINS_OF_CHAINS, Event, MediumSpan, Recorder};
 use super::transmit;
-use super::walk::{Stage, State, Walker};
+use super::walk::{State, Walker};
+use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, warp};
 use crate::phase::one_minus_cos;
 use crate::scene::{On, Scene};
@@ -29,11 +31,20 @@ fn is_beside(scene: &Scene, light: u32, x: DVec3, y: DVec3) -> bool {
     scene.embedded_selection(light) > 0.0 && (y - p).length_squared() < BESIDE * BESIDE * (x - p).length_squared()
 }
 
-/// Whether the motion of `light` is scored by an ordinary connection from the medium point `y`, `x` and `z` being the vertices before it (a
-/// medium vertex x; none of them on a camera line).
-pub(super) fn follows<R: Recorder>(w: &Walker<R>, light: u32, y: DVec3, x: Option<DVec3>, z: Option<DVec3>) -> bool {
-    let within = |a: Option<DVec3>, b: Option<DVec3>| a.zip(b).is_some_and(|(a, b)| is_beside(w.scene, light, a, b));
-    R::ON && w.rec.follows(light) && !within(x, Some(y)) && !within(z, x)
+/// Whether the motion of `light` is scored by an ordinary connection from the point `y`; `x` is the vertex before it if y lies in a
+/// medium and its direction was drawn.
+pub(super) fn follows<R: Recorder>(w: &Walker<R>, light: u32, left: u64, y: DVec3, x: Option<DVec3>) -> bool {
+    R::ON
+        && w.rec.follows(light).is_some_and(|bit| left & bit == 0)
+        && !x.is_some_and(|x| is_beside(w.scene, light, x, y))
+}
+
+/// Bits of the lights whose ball around `x`'s view of them holds the next vertex `y`.
+pub(super) fn entered<R: Recorder>(w: &Walker<R>, x: Option<DVec3>, y: DVec3) -> u64 {
+    let (true, true, Some(x)) = (R::ON, w.scene.has_embedded_lights(), x) else { return 0 };
+    (0..w.scene.lights.len() as u32)
+        .filter_map(|l| w.rec.follows(l).filter(|_| is_beside(w.scene, l, x, y)))
+        .fold(0, |bits, bit| bits | bit)
 }
 
 /// Score the balls of the vertex at `s.o`.
@@ -41,16 +52,19 @@ pub fn score<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     if R::ON && w.scene.has_embedded_lights() && w.may_scatter(s.depth + 1) {
         ball(w, s, vertex);
         if w.may_scatter(s.depth + 2) {
-            chain(w, s, vertex);
+            let chains = w.rec.chains();
+            if chains >= 1.0 || s.aside.uniform() < chains {
+                chain(w, s, vertex, chains.min(1.0));
+            }
         }
     }
 }
 
-/// A light whose motion is asked for, its probability and its place.
+/// A light whose motion this path still scores, its probability and its place.
 fn moving_light<R: Recorder>(w: &Walker<R>, s: &mut State) -> Option<(u32, f64, DVec3)> {
     let (light, q) = w.scene.select_embedded_light(s.aside.uniform())?;
     let p = w.scene.lights[light as usize].center()?;
-    w.rec.follows(light).then_some((light, q, p))
+    w.rec.follows(light).filter(|bit| s.left & bit == 0).map(|_| (light, q, p))
 }
 
 /// The motion of a light that stands in a medium, scored at next vertices y within a ball of radius R around it, R half the distance
@@ -68,10 +82,6 @@ fn moving_light<R: Recorder>(w: &Walker<R>, s: &mut State) -> Option<(u32, f64, 
 fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let scene = w.scene;
     let Some((light, q, p)) = moving_light(w, s) else { return };
-    // The vertex itself stands in the ball of the one before: `chain` has scored this path.
-    if s.from.is_some_and(|z| is_beside(scene, light, z, s.o)) {
-        return;
-    }
     let (u, v, z) = (s.aside.uniform(), s.aside.uniform(), s.aside.uniform());
     let radius = BESIDE * (p - s.o).length();
     let (r, n) = (radius * u * u, warp::sphere(v, z));
@@ -83,7 +93,8 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let prefix = s.beta / s.r.mean();
     let side = w.rec.side_len();
     let mut rng = s.aside;
-    let (at_light, at_y) = (Sight::new(w, s, vertex, p, &mut rng), Sight::new(w, s, vertex, y, &mut rng));
+    // Exact transmittances: noise of their own would not cancel.
+    let (at_light, at_y) = (Sight::new(w, s, vertex, p, None), Sight::new(w, s, vertex, y, None));
     if let Some(a) = scene.arrival(light, y, 0.0, 0.0) {
         // F without its phase function at the far end.
         let rest = |sight: &Sight, y: DVec3| {
@@ -118,10 +129,12 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     w.rec.side_truncate(side);
 }
 
-/// Vertices x in the ball, density `~ r^-2`, and from each of them every path of one more scattering to the light.
-fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
+/// A vertex x in the ball, density `~ r^-2`, and a walk from it: every path to the light that scatters at x and at least once more.
+/// `probability`: of being called.
+fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, probability: f64) {
     let scene = w.scene;
     let Some((light, q, p)) = moving_light(w, s) else { return };
+    let Some(bit) = w.rec.follows(light) else { return };
     let (u, v, z) = (s.aside.uniform(), s.aside.uniform(), s.aside.uniform());
     let radius = BESIDE * (p - s.o).length();
     let r = radius * u;
@@ -129,10 +142,10 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     if r <= 0.0 || !r.is_finite() || x == p {
         return;
     }
-    let density = q / radius / (4.0 * PI * r * r);
+    let density = probability * q / radius / (4.0 * PI * r * r);
     let side = w.rec.side_len();
     let mut rng = s.aside;
-    let sight = Sight::new(w, s, vertex, x, &mut rng);
+    let sight = Sight::new(w, s, vertex, x, Some(&mut rng));
     w.rec.side_truncate(side);
     s.aside = rng;
     let Some(sight) = sight else { return };
@@ -142,29 +155,23 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     if beta.is_zero() {
         return;
     }
-    let mut next = State::new(rng, x, sight.direction, Some(medium));
-    (next.beta, next.depth, next.stage) = (beta, s.depth + 1, Stage::Medium);
-    let mut aims = Aims { light, events: Vec::new() };
+    // Streams of their own: the walk may draw any number.
+    let own = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 1, 0);
+    let mut next = State::new(own, x, sight.direction, Some(medium));
+    next.aside = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 2, 0);
+    (next.beta, next.start, next.depth) = (beta, beta.max(), s.depth + 1);
+    let mut aims = Aims { light, bit, events: Vec::new() };
     let mut sub = Walker::new(scene, w.set, &mut aims);
-    let x_vertex = Vertex::Medium(medium);
-    light_centred::connect(&mut sub, &mut next, &x_vertex);
-    ball(&mut sub, &mut next, &x_vertex);
-    let (u, v) = (next.rng.uniform(), next.rng.uniform());
-    let phase = &scene.media[medium as usize].phase;
-    let (direction, m) = phase.sample(next.w, u, v);
-    (next.w, next.pdf_direction, next.on) = (direction, phase.eval(m), On::default());
-    sub.fly(&mut next);
-    if let (Stage::Medium, Some(id)) = (next.stage, next.medium) {
-        connect::from_medium(&mut sub, &mut next, id);
-    }
+    sub.turn(&mut next, medium);
+    sub.run(next);
     w.tally = w.tally.plus(&sub.tally);
-    s.aside = next.rng;
     aims.events.into_iter().for_each(|e| w.rec.push(e));
 }
 
 /// Keeps what scores the motion of one light, and nothing else.
 struct Aims {
     light: u32,
+    bit: u64,
     events: Vec<Event>,
 }
 
@@ -183,7 +190,13 @@ impl Recorder for Aims {
     fn checkpoint(&mut self, _: &State) -> bool {
         false
     }
-    fn follows(&self, light: u32) -> bool {
-        light == self.light
+    fn follows(&self, light: u32) -> Option<u64> {
+        (light == self.light).then_some(self.bit)
+    }
+    fn is_over(&self, state: &State) -> bool {
+        state.left & self.bit != 0
+    }
+    fn chains(&self) -> f64 {
+        CHAINS_OF_CHAINS
     }
 }

@@ -64,7 +64,7 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
         share = flight_share(w, light, center, &s.flight, t);
     }
     let weight = s.beta / s.r.mean() * (f * a.factor / probability * share);
-    let aim = beside::follows(w, light, s.o, s.flight.reach.map(|r| r.0), s.grand)
+    let aim = beside::follows(w, light, s.left, s.o, s.flight.reach.map(|r| r.0))
         .then(|| Aim::new(light, s.o, Some(id), On::default(), &a, Turn::Phase(id, s.w), s.aside));
     finish(w, s, &a, &On::default(), weight, probability, f, Some((id, m)), aim);
 }
@@ -82,7 +82,8 @@ pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Sur
     }
     let weight = s.beta / s.r.mean() * (f * a.factor / probability);
     let on = s.on;
-    let aim = (R::ON && w.rec.follows(light)).then(|| Aim::new(light, s.o, s.medium, on, &a, Turn::Cosine(n), s.aside));
+    let aim = beside::follows(w, light, s.left, s.o, None)
+        .then(|| Aim::new(light, s.o, s.medium, on, &a, Turn::Cosine(n), s.aside));
     finish(w, s, &a, &on, weight, probability, f, None, aim);
 }
 
@@ -133,7 +134,7 @@ pub fn equiangular<R: Recorder>(
     let f = medium.phase.eval(m);
     let weight = prefix * transmittance * (f * a.factor / (equi + flight + centred));
     let Some((t, _)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
-    let aim = beside::follows(w, light, p, reach.map(|r| r.0), s.from)
+    let aim = beside::follows(w, light, s.left, p, reach.map(|r| r.0))
         .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));
     score(w, &a, weight * t, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)), aim);
 }

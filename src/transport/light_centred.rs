@@ -54,8 +54,14 @@ pub(super) struct Sight {
 }
 
 impl Sight {
-    /// March from the vertex at `s.o` to y. Transmittance draws from `rng`, spans go to the record's side list.
-    pub fn new<R: Recorder>(w: &mut Walker<R>, s: &State, vertex: &Vertex, y: DVec3, rng: &mut Rng) -> Option<Sight> {
+    /// March from the vertex at `s.o` to y. Transmittance draws from `rng`, or without one is exact; spans go to the record's side list.
+    pub fn new<R: Recorder>(
+        w: &mut Walker<R>,
+        s: &State,
+        vertex: &Vertex,
+        y: DVec3,
+        mut rng: Option<&mut Rng>,
+    ) -> Option<Sight> {
         let scene = w.scene;
         let to_y = y - s.o;
         let d = to_y.length();
@@ -87,7 +93,10 @@ impl Sight {
             let end = if holds { d - before } else { t1 };
             if let Some(id) = medium {
                 let part = MediumSpan { medium: id, o, w: direction, t0: 0.0, t1: end.max(0.0) };
-                transmittance *= transmit::one_span(scene, &part, rng);
+                transmittance *= match rng.as_deref_mut() {
+                    Some(rng) => transmit::one_span(scene, &part, rng),
+                    None => tracking::depth(&scene.media[id as usize], &part).map(|t| (-t).exp()),
+                };
                 if R::ON {
                     w.rec.side_span(part);
                 }
@@ -126,7 +135,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     }
     let first = w.rec.side_len();
     let mut rng = s.rng;
-    let sight = Sight::new(w, s, vertex, y, &mut rng);
+    let sight = Sight::new(w, s, vertex, y, Some(&mut rng));
     s.rng = rng;
     let Some(sight) = sight else { return };
     let Sight { span, t, per_length, .. } = sight;
@@ -151,7 +160,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let rng = if sigma_s.is_zero() { &mut unscored } else { &mut s.rng };
     let Some((shadow, _)) = transmit::shadow(w, rng, Some(span.medium), y, &On::default(), &a) else { return };
     let phases = [sight.phase, Some((span.medium, m2))];
-    let aim = beside::follows(w, light, y, Some(s.o), s.from).then(|| {
+    let aim = beside::follows(w, light, s.left, y, Some(s.o)).then(|| {
         let turn = Turn::Phase(span.medium, sight.direction);
         Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside)
     });

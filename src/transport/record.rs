@@ -12,6 +12,10 @@ use crate::math::{DVec3, Rgb};
 use crate::params::Slot;
 use crate::scene::Hit;
 
+/// Walks around the light from a vertex of the path, and from a vertex of such a walk.
+pub(super) const CHAINS: f64 = 1.0;
+pub(super) const CHAINS_OF_CHAINS: f64 = 0.3;
+
 /// Events held at a time, unless a test asks for less.
 pub const CHUNK: usize = 4096;
 
@@ -84,9 +88,17 @@ pub trait Recorder {
     fn checkpoint(&mut self, state: &State) -> bool;
     /// A medium span of the camera line without end and without extinction: no candidate can be drawn.
     fn unbounded(&mut self, _medium: u32) {}
-    /// Whether a light moves: its connections are then recorded as [`Event::Aim`] too.
-    fn follows(&self, _light: u32) -> bool {
+    /// The bit in [`State::left`] of a light that moves: its connections are then recorded as [`Event::Aim`] too.
+    fn follows(&self, _light: u32) -> Option<u64> {
+        None
+    }
+    /// Nothing more is wanted of this walk.
+    fn is_over(&self, _state: &State) -> bool {
         false
+    }
+    /// Walks drawn around the light a vertex ([`super::beside`]), on average.
+    fn chains(&self) -> f64 {
+        CHAINS
     }
     /// The stream for candidates on the camera line; `None` where none are wanted.
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
@@ -119,8 +131,8 @@ pub struct PathRecord {
     pub candidates: Option<Candidates>,
     /// Events held at a time.
     pub chunk: usize,
-    /// Lights that move.
-    pub moving: Vec<bool>,
+    /// Lights that move, by their bits; 0 for the others.
+    pub moving: Vec<u64>,
     unused: Rng,
 }
 
@@ -170,8 +182,8 @@ impl Recorder for PathRecord {
         self.side.truncate(len as usize);
     }
 
-    fn follows(&self, light: u32) -> bool {
-        self.moving.get(light as usize).copied().unwrap_or(false)
+    fn follows(&self, light: u32) -> Option<u64> {
+        self.moving.get(light as usize).copied().filter(|&bit| bit != 0)
     }
 
     fn checkpoint(&mut self, state: &State) -> bool {

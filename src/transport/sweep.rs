@@ -53,7 +53,8 @@ pub struct Candidates {
 pub struct SweepFacts {
     media: Vec<MediumFacts>,
     surfaces: Vec<bool>,
-    lights: Vec<bool>,
+    /// A bit for each light that moves ([`State::left`]), 0 for the others.
+    lights: Vec<u64>,
     any_source: bool,
 }
 
@@ -86,7 +87,15 @@ impl SweepFacts {
             .map(|s| matches!(s, Surface::Diffuse { slot, .. } if params.block_active(*slot, 3)))
             .collect();
         let any_source = media.iter().any(|m| m.source) || surfaces.iter().any(|&s| s);
-        let lights = scene.lights.iter().map(|l| l.place.moves(params)).collect();
+        let mut moving: u32 = 0;
+        let bit = |l: &crate::light::Light| {
+            if !l.place.moves(params) {
+                return 0;
+            }
+            moving += 1;
+            1u64.checked_shl(moving - 1).unwrap_or(0)
+        };
+        let lights = scene.lights.iter().map(bit).collect();
         SweepFacts { media, surfaces, lights, any_source }
     }
 }

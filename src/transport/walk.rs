@@ -54,9 +54,8 @@ pub struct State {
     pub pdf_direction: f64,
     /// The last vertex.
     pub vertex: DVec3,
-    /// The vertex before the last one, if both are in a medium or that one's direction was drawn; and the same of that one.
-    pub from: Option<DVec3>,
-    pub grand: Option<DVec3>,
+    /// Moving lights (a bit each) whose motion somebody else scores for whatever this path still does: [`beside`].
+    pub left: u64,
     /// Optical depth of homogeneous spans since the last vertex, for the MIS weight.
     pub tau: Rgb,
     /// Probability with which the last vertex connected to the environment.
@@ -106,8 +105,7 @@ impl State {
             depth: 0,
             pdf_direction: 0.0,
             vertex: o,
-            from: None,
-            grand: None,
+            left: 0,
             tau: Rgb::ZERO,
             to_environment: 0.0,
             flight: Flight::default(),
@@ -164,7 +162,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
     /// Walk to the end, or to the end of one chunk when the recorder says so.
     pub fn run(&mut self, mut s: State) {
         loop {
-            if self.rec.checkpoint(&s) {
+            if self.rec.checkpoint(&s) || self.rec.is_over(&s) {
                 return;
             }
             s.steps += 1;
@@ -337,14 +335,19 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         s.depth = k;
-        (s.grand, s.from) = (s.from, s.flight.reach.map(|r| r.0));
         s.vertex = s.o;
         s.tau = Rgb::ZERO;
-        let medium: &Medium = &self.scene.media[id as usize];
         if R::ON {
             self.rec.push(Event::Scatter { medium: id, p: s.o });
         }
         connect::from_medium(self, s, id);
+        s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);
+        self.turn(s, id);
+    }
+
+    /// Everything at a collision but its own connection to a light.
+    pub(super) fn turn(&mut self, s: &mut State, id: u32) {
+        let medium: &Medium = &self.scene.media[id as usize];
         light_centred::connect(self, s, &light_centred::Vertex::Medium(id));
         beside::score(self, s, &light_centred::Vertex::Medium(id));
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
@@ -394,7 +397,6 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         s.depth = k;
-        (s.grand, s.from) = (s.from, None);
         s.o = hit.p;
         s.vertex = hit.p;
         s.tau = Rgb::ZERO;

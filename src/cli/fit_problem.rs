@@ -1,0 +1,265 @@
+//! From the options of `fit` and its fit.toml to a problem: unknowns with bounds, starts, seeds, and the picture to match.
+
+use super::fit::FitArgs;
+use super::log::Log;
+use super::options::{SceneOptions, parameters};
+use super::run::Setup;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tyndall::error::{Error, Result};
+use tyndall::image::RgbImage;
+use tyndall::image::exr::{self, ExrImage};
+use tyndall::inverse::adam::StopRule;
+use tyndall::inverse::album::{self, Targets};
+use tyndall::inverse::fit::{Problem, Unknown};
+use tyndall::inverse::loss::{self, Loss};
+use tyndall::inverse::settings::{Rendered, Settings, Target};
+use tyndall::math::Rgb;
+use tyndall::render::family::{Family, View};
+use tyndall::render::health::Health;
+use tyndall::scene::compile::LoadOptions;
+use tyndall::scene::desc::suggest;
+
+/// Defaults of options.
+const RATE: f64 = 0.03;
+const HALF_LIFE: f64 = 40.0;
+const ITERATIONS: usize = 300;
+const SPP: u64 = 16;
+const MAX_TIME: Duration = Duration::from_secs(600);
+const TARGET_SPP: u64 = 1024;
+
+/// The inputs, read.
+pub struct Given {
+    scene: SceneOptions,
+    settings: Settings,
+    /// Where names of the settings start.
+    base: PathBuf,
+}
+
+impl Given {
+    pub fn new(args: &FitArgs) -> Result<Self> {
+        let is_toml = |p: &Path| p.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        let file = if is_toml(&args.input) { Some(&args.input) } else { args.settings.as_ref() };
+        let settings = file.map_or(Ok(Settings::default()), |f| Settings::read(f))?;
+        let base = file.and_then(|f| f.parent()).map_or(PathBuf::new(), PathBuf::from);
+        let scene = match (&settings.scene, is_toml(&args.input)) {
+            (_, false) => args.input.clone(),
+            (Some(name), true) => base.join(name),
+            (None, true) => {
+                let what = format!("{} names no scene", args.input.display());
+                return Err(Error::usage(what, "add `scene = \"scene.xml\"`, relative to the file"));
+            }
+        };
+        let mut define = args.define.clone();
+        for (name, value) in &settings.define {
+            if !define.iter().any(|(n, _)| n == name) {
+                define.push((name.clone(), format!("{value:?}")));
+            }
+        }
+        Ok(Given { scene: SceneOptions { scene, define }, settings, base })
+    }
+}
+
+/// Everything but the pictures.
+pub struct Prepared {
+    pub setup: Setup,
+    pub family: Family,
+    pub unknowns: Vec<Unknown>,
+    pub starts: Vec<Vec<f64>>,
+    pub seeds: Vec<u64>,
+    /// True values of the unknowns where the target is rendered from values.
+    pub truth: Vec<Option<f64>>,
+    pub target_name: String,
+    target: Target,
+    pub loss: Loss,
+    pub spp: u64,
+    pub iterations: usize,
+    max_time: Duration,
+    half_life: f64,
+    pub rule: StopRule,
+    pub terms: Vec<String>,
+}
+
+impl Prepared {
+    pub fn new(given: &Given, args: &FitArgs, log: &Log) -> Result<Self> {
+        let s = &given.settings;
+        let wrt = parameters(if args.wrt.is_empty() { s.wrt.as_deref().unwrap_or(&[]) } else { &args.wrt })?;
+        if wrt.is_empty() {
+            return Err(Error::usage("nothing to find", "give --wrt a,b, or `wrt = [\"a\", \"b\"]` in the fit.toml"));
+        }
+        let target = match (&args.target, &s.target) {
+            (Some(path), _) => Target::File(path.display().to_string()),
+            (None, Some(Target::File(name))) => Target::File(given.base.join(name).display().to_string()),
+            (None, Some(t)) => t.clone(),
+            (None, None) => {
+                let remedy = "give --target REF.exr, or a `target` in the fit.toml: a file, or a table of values";
+                return Err(Error::usage("there is no picture to match", remedy));
+            }
+        };
+        let terms = match (&s.terms, args.study.terms.as_slice()) {
+            (Some(t), [all]) if all == "all" => t.clone(),
+            (_, t) => t.to_vec(),
+        };
+        tyndall::render::plan::Terms::parse(&terms)?;
+        let mut render = args.study.render(args.spp);
+        render.sensor = render.sensor.or(s.sensor.clone());
+        let setup = Setup::new(&given.scene, &render, &wrt, log)?;
+        let unknowns = wrt.iter().map(|n| unknown(n, &setup, s, args)).collect::<Result<Vec<_>>>()?;
+        let starts = starts(&unknowns, &setup, s, args)?;
+        let rendered = if let Target::Values(r) = &target { Some(r) } else { None };
+        if let Some(name) = rendered.and_then(|r| r.values.keys().find(|n| !has(&setup, n))) {
+            let names = setup.desc.params.iter().map(|p| p.name.as_str());
+            return Err(Error::usage(
+                format!("[target] values: the scene has no parameter `{name}`"),
+                suggest(name, names),
+            ));
+        }
+        let scene_value = |n: &str| setup.desc.params.iter().find(|p| p.name == n).map(|p| p.value);
+        let truth = |n: &String| rendered.and_then(|r| r.values.get(n).copied().or_else(|| scene_value(n)));
+        let seeds = match (&args.seeds[..], args.study.seed, &s.seeds) {
+            ([], Some(seed), _) => vec![seed],
+            ([], None, Some(seeds)) if !seeds.is_empty() => seeds.clone(),
+            ([], ..) => vec![setup.seed],
+            (seeds, ..) => seeds.to_vec(),
+        };
+        let rule = StopRule {
+            window: args.window.map(|n| n as usize).or(s.stop.window).unwrap_or(StopRule::default().window).max(4),
+            tolerance: args.tolerance.or(s.stop.tolerance).unwrap_or(StopRule::default().tolerance),
+        };
+        Ok(Prepared {
+            family: Family::file(
+                &given.scene.scene,
+                &given.scene.define,
+                LoadOptions { repair_voxels: args.study.repair_voxels },
+            ),
+            truth: wrt.iter().map(truth).collect(),
+            target_name: match &target {
+                Target::File(f) => f.clone(),
+                Target::Values(_) => "target.exr".into(),
+            },
+            target,
+            unknowns,
+            starts,
+            seeds,
+            loss: args.loss.map(Into::into).or(s.loss).unwrap_or_default(),
+            spp: args.spp.or(s.spp).unwrap_or(SPP).max(2),
+            iterations: args.iterations.map(|n| n as usize).or(s.iterations).unwrap_or(ITERATIONS),
+            max_time: args.max_time.or(s.max_time.map(Duration::from_secs_f64)).unwrap_or(MAX_TIME),
+            half_life: args.half_life.or(s.half_life).unwrap_or(HALF_LIFE),
+            rule,
+            terms,
+            setup,
+        })
+    }
+
+    fn view(&self) -> View<'_> {
+        let s = &self.setup;
+        View { sensor: s.sensor, crop: s.crop, terms: &self.terms, stop: Some(s.stop.flag()) }
+    }
+
+    /// What every sensor should see: read, or rendered from the target's values.
+    pub fn targets(&self, health: &Health) -> Result<Targets> {
+        let mut targets = vec![None; self.setup.scene.sensors.len()];
+        match &self.target {
+            Target::File(name) => {
+                let image = exr::read_rgb(Path::new(name)).map_err(|e| {
+                    Error::usage(e.to_string(), "give an .exr with the channels R, G and B as --target")
+                })?;
+                let crop = self.setup.crop;
+                let pixels = loss::crop_of(&image, name, crop, self.setup.full_size())?;
+                targets[self.setup.sensor] = Some(RgbImage {
+                    width: crop[2] - crop[0],
+                    height: crop[3] - crop[1],
+                    pixels: pixels.iter().map(|p| p.0.map(|x| x as f32)).collect(),
+                });
+            }
+            Target::Values(Rendered { values, spp, seed }) => {
+                let values: Vec<(&str, f64)> = values.iter().map(|(n, x)| (n.as_str(), *x)).collect();
+                let member = self.family.at(&values)?;
+                // A seed that no run has, unless the user wants it so.
+                let seed = seed.unwrap_or(0x7461_7267_6574);
+                for view in album::views(&member, self.view()) {
+                    let o = view.picture(&member.scene, spp.unwrap_or(TARGET_SPP), seed)?;
+                    health.merge(&o.film.health);
+                    targets[view.sensor] = Some(album::image(&o));
+                }
+            }
+        }
+        Ok(targets)
+    }
+
+    /// A target that was rendered is kept beside the fit.
+    pub fn write_target(&self, folder: &Path, targets: &Targets) -> Result<()> {
+        match (&self.target, &targets[self.setup.sensor]) {
+            (Target::Values(_), Some(t)) => {
+                let mut file = ExrImage::new(t.width, t.height);
+                file.push_rgb("", &t.pixels);
+                exr::write(&folder.join(&self.target_name), &file)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    pub fn problem<'a>(&'a self, targets: &'a Targets) -> Result<Problem<'a>> {
+        let fitted = targets[self.setup.sensor].as_ref();
+        let fitted = fitted.ok_or_else(|| Error::Runtime("the fitted sensor has no target".into()))?;
+        Ok(Problem {
+            family: &self.family,
+            view: self.view(),
+            unknowns: &self.unknowns,
+            target: fitted.pixels.iter().map(|p| Rgb(p.map(f64::from))).collect(),
+            loss: self.loss,
+            spp: self.spp,
+            iterations: self.iterations,
+            max_time: self.max_time,
+            half_life: self.half_life,
+            rule: self.rule,
+        })
+    }
+}
+
+fn has(setup: &Setup, name: &str) -> bool {
+    setup.desc.params.iter().any(|p| p.name == name)
+}
+
+/// Bounds from options, the fit.toml, or the scene's hint, in this order.
+fn unknown(name: &str, setup: &Setup, s: &Settings, args: &FitArgs) -> Result<Unknown> {
+    let hint = setup.desc.params[setup.desc.wrt(name)?].hint;
+    let option = args.bounds.iter().rev().find(|b| b.0 == name).map(|b| b.1);
+    let file = s.bounds.get(name).map(|b| *b.get_ref());
+    let [min, max] = option.or(file).or(hint.min.zip(hint.max).map(|(a, b)| [a, b])).ok_or_else(|| {
+        let remedy = format!(
+            "give --bounds {name}=MIN,MAX, or [bounds] in the fit.toml, or `<?diff param=\"{name}\" min=\"\" max=\"\"?>` in the scene"
+        );
+        Error::usage(format!("`{name}` has no bounds"), remedy)
+    })?;
+    let rate = args.rate.or(s.rate.get(name).map(|r| *r.get_ref())).unwrap_or(RATE);
+    Ok(Unknown { name: name.into(), min, max, rate })
+}
+
+/// Every start in full: what it does not name begins at the scene's value.
+fn starts(unknowns: &[Unknown], setup: &Setup, s: &Settings, args: &FitArgs) -> Result<Vec<Vec<f64>>> {
+    let file = s.start.iter().map(|t| t.iter().map(|(n, x)| (n.clone(), *x.get_ref())).collect());
+    let mut given: Vec<Vec<(String, f64)>> = if args.start.is_empty() { file.collect() } else { args.start.clone() };
+    if given.is_empty() {
+        given.push(Vec::new());
+    }
+    let one = |start: &Vec<(String, f64)>| -> Result<Vec<f64>> {
+        if let Some((name, _)) = start.iter().find(|(n, _)| !unknowns.iter().any(|u| u.name == *n)) {
+            let remedy = suggest(name, unknowns.iter().map(|u| u.name.as_str()));
+            return Err(Error::usage(format!("start: `{name}` is not among the parameters to find"), remedy));
+        }
+        let value = |u: &Unknown| {
+            let own = start.iter().find(|(n, _)| *n == u.name).map(|p| p.1);
+            let scene = setup.desc.params.iter().find(|p| p.name == u.name).map_or(f64::NAN, |p| p.value);
+            let x = own.unwrap_or(scene);
+            if (u.min..=u.max).contains(&x) {
+                return Ok(x);
+            }
+            let what = format!("start: `{}` = {x} lies outside its bounds {} to {}", u.name, u.min, u.max);
+            Err(Error::usage(what, "give --start inside, or wider bounds"))
+        };
+        unknowns.iter().map(value).collect()
+    };
+    given.iter().map(one).collect()
+}

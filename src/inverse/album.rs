@@ -1,0 +1,88 @@
+//! The animated picture of a fit: every sensor of the scene at the values of some iterations, with the target beside it where there is one.
+//! Sensors that were not fitted are diagnostic: they show how the scene comes right, the fit has never seen them.
+
+use super::fit::{Recovered, Unknown};
+use crate::error::Result;
+use crate::image::RgbImage;
+use crate::render::animation;
+use crate::render::driver::Outcome;
+use crate::render::family::{Family, Member, View, stream};
+use crate::render::png::{Exposure, Panel, Sheet, exposure_scale};
+use crate::scene::parts::Parts;
+use std::path::Path;
+
+/// What a sensor should see.
+pub type Targets = Vec<Option<RgbImage>>;
+
+pub fn image(o: &Outcome) -> RgbImage {
+    let spec = o.film.spec();
+    RgbImage { width: spec.width, height: spec.height, pixels: o.film.mean_image(0) }
+}
+
+/// A view of every sensor: the fitted one as it is, the others whole.
+pub fn views<'a>(member: &Member, fitted: View<'a>) -> Vec<View<'a>> {
+    let all = member.scene.films.iter().enumerate();
+    all.map(|(i, f)| if i == fitted.sensor { fitted } else { View { sensor: i, crop: f.part.crop, ..fitted } })
+        .collect()
+}
+
+/// Iterations of the frames: the first, the last, and others between; denser at the start, where more happens.
+fn chosen(iterations: usize, frames: usize) -> Vec<usize> {
+    let last = iterations.saturating_sub(1) as f64;
+    let at = |i: usize| (last * (i as f64 / (frames - 1).max(1) as f64).powf(1.5)).round() as usize;
+    let mut v: Vec<usize> = (0..frames).map(at).collect();
+    v.dedup();
+    v
+}
+
+pub fn write(
+    path: &Path,
+    family: &Family,
+    unknowns: &[Unknown],
+    run: &Recovered,
+    fitted: View,
+    targets: &Targets,
+    frames: usize,
+    spp: u64,
+) -> Result<()> {
+    let mut sheets = Vec::new();
+    let mut scales: Vec<Option<f64>> =
+        targets.iter().map(|t| t.as_ref().map(|t| exposure_scale(&t.pixels, Exposure::Auto))).collect();
+    for i in chosen(run.history.len(), frames) {
+        let step = &run.history[i];
+        let values: Vec<(&str, f64)> =
+            unknowns.iter().map(|u| u.name.as_str()).zip(step.values.iter().copied()).collect();
+        let member = family.at(&values)?;
+        let names = Parts::read(&member.desc, &member.desc.values::<f64>())?.sensors;
+        let mut sheet = Sheet { columns: 2, ..Sheet::default() };
+        for (s, view) in views(&member, fitted).iter().enumerate() {
+            let picture = image(&view.picture(&member.scene, spp, stream(run.seed, 9, i as u64))?);
+            // One exposure for the whole film.
+            let scale = *scales[s].get_or_insert_with(|| exposure_scale(&picture.pixels, Exposure::Auto));
+            let name: String = names[s].name.chars().take(12).collect();
+            let exposure = Exposure::Scale(scale);
+            sheet.panels.push(Panel::picture(format!("{name} {:>4}", step.iteration), &picture, exposure));
+            let empty = || RgbImage { pixels: vec![[1.0 / scale as f32; 3]; picture.pixels.len()], ..picture.clone() };
+            let (title, target) = match &targets[s] {
+                Some(t) => ("target", t.clone()),
+                None => ("no target", empty()),
+            };
+            sheet.panels.push(Panel::picture(title, &target, exposure));
+        }
+        sheets.push(sheet);
+    }
+    animation::write(path, &sheets, 8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_run_from_the_first_to_the_last_iteration() {
+        let c = chosen(100, 10);
+        assert_eq!((c.len(), c[0], c[9]), (10, 0, 99));
+        assert_eq!(chosen(2, 10), [0, 1]);
+        assert_eq!(chosen(1, 1), [0]);
+    }
+}

@@ -1,0 +1,48 @@
+//! `converge`: table, report and plots; errors fall with the square root of time.
+
+#[path = "common/fog.rs"]
+mod fog;
+
+use fog::Folder;
+use serde_json::Value;
+use std::fs;
+
+#[test]
+fn errors_are_measured_against_a_reference() {
+    let f = Folder::new();
+    let (out, _) = f.run(0, "converge fog.xml --wrt albedo --time 4s -o c.csv --json");
+    let v: Value = serde_json::from_str(&out).unwrap();
+    let curves = v["curves"].as_array().unwrap();
+    let kinds: Vec<&str> = curves.iter().map(|c| c["kind"].as_str().unwrap()).collect();
+    assert_eq!(kinds[..2], ["picture", "derivative"]);
+    assert_eq!(kinds.iter().filter(|k| **k == "finite_difference").count(), 5);
+    for c in &curves[..2] {
+        let points = c["points"].as_array().unwrap();
+        assert!(points.len() >= 3, "{c}");
+        // Independent samples: 16 times as many have a quarter of the error, here within a factor of two.
+        let (a, b) = (&points[0], &points[points.len() - 1]);
+        let samples = b["spp"].as_f64().unwrap() / a["spp"].as_f64().unwrap();
+        let errors = a["rmse"].as_f64().unwrap() / b["rmse"].as_f64().unwrap();
+        assert!((0.5..2.0).contains(&(errors / samples.sqrt())), "{c}");
+    }
+    assert!(v["speedup_over_finite_differences"]["albedo"].as_f64().unwrap() > 0.0);
+    let csv = fs::read_to_string(f.path("c.csv")).unwrap();
+    assert!(
+        csv.starts_with("curve,kind,parameter,step,spp,seconds,rmse,relative_rmse,runs\npicture,picture,,,1,"),
+        "{csv}"
+    );
+    for name in ["c.json", "c.svg", "c.d_albedo.svg"] {
+        assert!(f.path(name).exists(), "{name}");
+    }
+    f.run(4, "converge fog.xml -o c.csv");
+
+    // A reference from a file.
+    f.run(0, "render fog.xml --spp 512 --seed 8 -o ref.exr -q");
+    let (out, _) = f.run(0, "converge fog.xml --reference ref.exr --time 500ms -o d.csv --json");
+    let v: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(v["curves"][0]["reference_spp"], 512.0);
+    let (_, err) = f.run(2, "converge fog.xml --reference none.exr -o e.csv");
+    assert!(err.contains("none.exr") && err.contains("help: "), "{err}");
+    let (_, err) = f.run(2, "converge fog.xml --crop 0,0,8,8 --reference ref.exr --wrt albdo -o e.csv");
+    assert!(err.contains("did you mean `albedo`"), "{err}");
+}

@@ -1,0 +1,141 @@
+//! What holds for every boundary room, whatever it computes: forward and reverse are transposes, threads change no bit, the picture is
+//! none of its business, terms add up, and without it the derivative is wrong.
+
+mod common;
+use common::{estimate, job, params, run, scene};
+use tyndall::math::Rgb;
+use tyndall::math::rng::Rng;
+use tyndall::render::driver::{Job, Mode, Outcome};
+use tyndall::render::plan::Terms;
+use tyndall::term::{Motion, ROOMS, rooms};
+
+/// Fog over a floor, a ball, a knot of two triangles; a point light that moves, and a spot with a hard edge that turns.
+const ROOM: &str = r#"<scene version="3.0.0">
+  <default name="x" value="-0.3"/><default name="y" value="1.2"/><default name="turn" value="15"/><default name="cone" value="20"/><default name="sigma" value="0.6"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <sensor type="perspective"><float name="fov" value="35"/>
+    <transform name="to_world"><lookat origin="0, 0.3, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="6"/><rfilter type="gaussian"/></film></sensor>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="$sigma, 0.9, 0.3"/><float name="albedo" value="0.9"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
+  <shape type="cube"><transform name="to_world"><scale value="1.5"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="4"/><translate y="-1.2"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="sphere"><point name="center" x="-0.5" y="0.3" z="0"/><float name="radius" value="0.3"/><bsdf type="diffuse"/></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.3"/><rotate x="1" angle="-80"/><translate x="0.5" y="0.4" z="0.1"/></transform><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
+  <emitter type="point"><point name="position" value="$x, $y, 0.3"/><rgb name="intensity" value="3"/></emitter>
+  <emitter type="spot"><transform name="to_world"><rotate x="1" angle="90"/><rotate z="1" angle="$turn"/><translate x="0.4" y="2.5"/></transform>
+    <float name="cutoff_angle" value="$cone"/><float name="beam_width" value="$cone"/><rgb name="intensity" value="8"/></emitter>
+</scene>"#;
+
+const MOVING: [&str; 4] = ["x", "y", "turn", "cone"];
+
+fn terms(names: &[&str]) -> Terms {
+    Terms::parse(&names.iter().map(|n| n.to_string()).collect::<Vec<_>>()).unwrap()
+}
+
+#[test]
+fn forward_dot_v_equals_reverse() {
+    let (desc, sc) = scene(ROOM);
+    let p = params(&desc, &sc, &MOVING);
+    for chosen in ["all", ROOMS[0], ROOMS[1]] {
+        let job = |mode| Job { terms: terms(&[chosen]), ..job(&sc, 64, 3, mode) };
+        let f = job(Mode::Forward(&p)).run(&|_| {}).unwrap();
+        let pixels = f.film.spec().pixels();
+        let mut rng = Rng::keyed(9, 0, 0, 0);
+        let v: Vec<Rgb> = (0..pixels).map(|_| Rgb::from_fn(|_| rng.uniform() - 0.3)).collect();
+        let r = job(Mode::Reverse(&p, &v)).run(&|_| {}).unwrap();
+        let gradient = p.pull_back(&r.gradient.unwrap().0);
+        let mut any = false;
+        for (k, name) in MOVING.iter().enumerate() {
+            let dot: f64 = (0..pixels).map(|i| f.film.mean(k + 1, i).dot(v[i])).sum();
+            let scale: f64 = (0..pixels).map(|i| (f.film.mean(k + 1, i) * v[i]).abs().sum()).sum();
+            any |= scale > 0.0;
+            assert!((dot - gradient[k]).abs() <= 1e-10 * scale, "{chosen} {name}: {dot} {} of {scale}", gradient[k]);
+        }
+        assert!(any, "{chosen}: nothing to compare");
+    }
+}
+
+fn same(a: &Outcome, b: &Outcome, layers: std::ops::Range<usize>) {
+    for layer in layers {
+        for i in 0..a.film.spec().pixels() {
+            assert_eq!(a.film.mean(layer, i), b.film.mean(layer, i), "layer {layer}, pixel {i}");
+            assert_eq!(a.film.variance_of_mean(layer, i), b.film.variance_of_mean(layer, i));
+        }
+    }
+}
+
+#[test]
+fn threads_crops_and_rooms_change_no_bit() {
+    let (desc, sc) = scene(ROOM);
+    let p = params(&desc, &sc, &MOVING);
+    let v = vec![Rgb::ONE; 48];
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| (run(&sc, 32, 5, Mode::Forward(&p)), run(&sc, 32, 5, Mode::Reverse(&p, &v))))
+    };
+    let (a, ra) = with(1);
+    for threads in [2, 8] {
+        let (b, rb) = with(threads);
+        same(&a, &b, 0..1 + MOVING.len());
+        assert_eq!(ra.gradient, rb.gradient);
+    }
+    // The picture knows nothing of derivatives.
+    same(&a, &run(&sc, 32, 5, Mode::Picture), 0..1);
+    // A crop is a part of the whole.
+    let crop = Job { crop: [2, 1, 6, 5], ..job(&sc, 32, 5, Mode::Forward(&p)) }.run(&|_| {}).unwrap();
+    for layer in 0..1 + MOVING.len() {
+        for y in 0..4 {
+            for x in 0..4 {
+                assert_eq!(crop.film.mean(layer, 4 * y + x), a.film.mean(layer, 8 * (y + 1) + x + 2));
+            }
+        }
+    }
+}
+
+#[test]
+fn split_terms_add_up() {
+    let (desc, sc) = scene(ROOM);
+    let p = params(&desc, &sc, &MOVING);
+    let o = Job { split: true, ..job(&sc, 64, 2, Mode::Forward(&p)) }.run(&|_| {}).unwrap();
+    let (k, spec) = (MOVING.len(), o.film.spec());
+    assert_eq!(spec.layers.len(), 1 + k * (2 + ROOMS.len()));
+    assert_eq!(spec.layers[1 + k * 2], format!("d_x.{}", ROOMS[0]));
+    for j in 0..k {
+        for i in 0..spec.pixels() {
+            let parts: Vec<Rgb> = (1..2 + ROOMS.len()).map(|t| o.film.mean(1 + t * k + j, i)).collect();
+            let (sum, size) = parts.iter().fold((Rgb::ZERO, 0.0f64), |(s, m), x| (s + *x, m.max(x.abs().max())));
+            assert!((sum - o.film.mean(1 + j, i)).abs().max() <= 1e-9 * size, "{} pixel {i}", MOVING[j]);
+        }
+    }
+}
+
+/// Negative control: each room adds what is far from nothing, so that without it the derivative is wrong; `light_shadow.rs` shows that
+/// all of them together agree with finite differences. 20 s.e.
+#[test]
+fn no_room_can_be_left_out() {
+    let (desc, sc) = scene(ROOM);
+    let p = params(&desc, &sc, &MOVING);
+    for room in ROOMS {
+        let o = Job { terms: terms(&[room]), ..job(&sc, 1024, 2, Mode::Forward(&p)) }.run(&|_| {}).unwrap();
+        let z = |k: usize| {
+            let e = estimate(&o, k + 1);
+            (0..3).map(|c| if e.error[c] > 0.0 { (e.value[c] / e.error[c]).abs() } else { 0.0 }).fold(0.0, f64::max)
+        };
+        let most = (0..MOVING.len()).map(z).fold(0.0, f64::max);
+        assert!(most > 20.0, "{room}: {most} standard errors");
+    }
+}
+
+#[test]
+fn what_stands_still_prepares_nothing() {
+    let (desc, sc) = scene(ROOM);
+    let names = |wrt: &[&str]| -> Vec<&'static str> {
+        let motion = Motion::new(&sc, &params(&desc, &sc, wrt));
+        rooms(&sc, &sc.sensors[0], &motion, |_| true).iter().map(|r| r.name()).collect()
+    };
+    assert!(names(&["sigma"]).is_empty());
+    assert_eq!(names(&["x"]), ["light_shadow"]);
+    // A spot that turns about its place moves its cone; its shadows stay.
+    assert_eq!(names(&["turn"]), ["hard_profile"]);
+    assert_eq!(names(&["x", "cone"]), ROOMS);
+}
