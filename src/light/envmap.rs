@@ -79,21 +79,35 @@ impl Envmap {
         (u - u.floor(), theta / PI)
     }
 
-    fn direction(&self, u: f64, v: f64) -> DVec3 {
+    /// World direction of map coordinates, and the sine of its angle to the map's axis.
+    fn direction(&self, u: f64, v: f64) -> (DVec3, f64) {
         let (sp, cp) = (2.0 * PI * u).sin_cos();
         let (st, ct) = (PI * v).sin_cos();
-        (self.local.transpose() * DVec3::new(st * sp, ct, -st * cp)).normalize()
+        ((self.local.transpose() * DVec3::new(st * sp, ct, -st * cp)).normalize(), st)
     }
 
-    /// Radiance from direction `w` (pointing toward the environment), before the scale.
-    pub fn radiance(&self, w: DVec3) -> Rgb {
+    /// Radiance from direction `w` (pointing toward the environment), before the scale, and the density of `sample` there.
+    pub fn look(&self, w: DVec3) -> (Rgb, f64) {
         let (u, v) = self.uv(w);
+        let y = ((v * self.height as f64) as usize).min(self.height - 1);
+        let x = ((u * self.width as f64) as usize).min(self.width - 1);
+        let p = self.rows.probability(y) * self.columns[y].probability(x);
+        (self.radiance(u, v), self.per_solid_angle(p, (PI * v).sin()))
+    }
+
+    /// Density of a direction in a texel of probability `p`.
+    fn per_solid_angle(&self, p: f64, sin: f64) -> f64 {
+        if sin > 0.0 { p * (self.width * self.height) as f64 / (2.0 * PI * PI * sin) } else { 0.0 }
+    }
+
+    /// Radiance at map coordinates.
+    fn radiance(&self, u: f64, v: f64) -> Rgb {
         let (x, y) = (u * self.width as f64 - 0.5, v * (self.height as f64 - 1.0));
-        let (x0, y0) = (x.floor(), y.floor());
-        let (fx, fy) = (x - x0, y - y0);
-        let col = |i: f64| (i as i64).rem_euclid(self.width as i64) as usize;
-        let (xa, xb) = (col(x0), col(x0 + 1.0));
-        let (ya, yb) = (y0 as usize, (y0 as usize + 1).min(self.height - 1));
+        // x >= -1/2 and y >= 0: integer parts without `floor`. Columns wrap.
+        let (right, ya) = ((x + 1.0) as usize, y as usize);
+        let (fx, fy) = (x + 1.0 - right as f64, y - ya as f64);
+        let (xa, xb) = (if right == 0 { self.width } else { right } - 1, if right < self.width { right } else { 0 });
+        let yb = (ya + 1).min(self.height - 1);
         let t = |x: usize, y: usize, c: usize| f64::from(self.texels[y * self.width + x][c]);
         Rgb::from_fn(|c| {
             (1.0 - fy) * ((1.0 - fx) * t(xa, ya, c) + fx * t(xb, ya, c))
@@ -101,22 +115,13 @@ impl Envmap {
         })
     }
 
-    /// Direction toward the environment and its density per solid angle.
-    pub fn sample(&self, u: f64, v: f64) -> (DVec3, f64) {
-        let (y, _, fv) = self.rows.sample(v);
-        let (x, _, fu) = self.columns[y].sample(u);
-        let w = self.direction((x as f64 + fu) / self.width as f64, (y as f64 + fv) / self.height as f64);
-        (w, self.pdf(w))
-    }
-
-    /// Density per solid angle of `sample`.
-    pub fn pdf(&self, w: DVec3) -> f64 {
-        let (u, v) = self.uv(w);
-        let y = ((v * self.height as f64) as usize).min(self.height - 1);
-        let x = ((u * self.width as f64) as usize).min(self.width - 1);
-        let p = self.rows.probability(y) * self.columns[y].probability(x) * (self.width * self.height) as f64;
-        let sin = (PI * v).sin();
-        if sin > 0.0 { p / (2.0 * PI * PI * sin) } else { 0.0 }
+    /// Direction toward the environment, its density per solid angle, and the radiance from there.
+    pub fn sample(&self, u: f64, v: f64) -> (DVec3, f64, Rgb) {
+        let (y, py, fv) = self.rows.sample(v);
+        let (x, px, fu) = self.columns[y].sample(u);
+        let (u, v) = ((x as f64 + fu) / self.width as f64, (y as f64 + fv) / self.height as f64);
+        let (w, sin) = self.direction(u, v);
+        (w, self.per_solid_angle(py * px, sin), self.radiance(u, v))
     }
 }
 
@@ -136,13 +141,15 @@ mod tests {
         let n = 200_000;
         let a: crate::math::stats::Moments = (0..n)
             .map(|_| {
-                let (d, p) = e.sample(rng.uniform(), rng.uniform());
+                let (d, p, radiance) = e.sample(rng.uniform(), rng.uniform());
                 assert!(p > 0.0);
-                e.radiance(d)[0] / p
+                let (r, q) = e.look(d);
+                assert!((r - radiance).max().abs() < 1e-9 && (p - q).abs() < 1e-9 * p);
+                radiance[0] / p
             })
             .collect();
         let b: crate::math::stats::Moments =
-            (0..n).map(|_| e.radiance(crate::math::warp::sphere(rng.uniform(), rng.uniform()))[0] * 4.0 * PI).collect();
+            (0..n).map(|_| e.look(crate::math::warp::sphere(rng.uniform(), rng.uniform())).0[0] * 4.0 * PI).collect();
         assert!((a.mean - b.mean).abs() < 6.0 * a.standard_error().hypot(b.standard_error()), "{a:?} {b:?}");
         assert!(a.standard_error() < b.standard_error());
     }
@@ -151,7 +158,7 @@ mod tests {
     fn direction_and_uv_are_inverse() {
         let e = Envmap::new(4, 2, vec![[1.0; 3]; 8], DMat3::IDENTITY);
         for (u, v) in [(0.1, 0.2), (0.6, 0.9), (0.99, 0.5)] {
-            let (a, b) = e.uv(e.direction(u, v));
+            let (a, b) = e.uv(e.direction(u, v).0);
             assert!((a - u).abs() < 1e-12 && (b - v).abs() < 1e-12);
         }
     }

@@ -121,20 +121,24 @@ impl Light {
         }
     }
 
-    /// Light that a ray leaving the scene along `w` (propagation against the light) collects, if this one is an environment.
-    pub fn escape(&self, w: DVec3) -> Option<Emission> {
+    /// Light that a ray leaving the scene along `w` (propagation against the light) collects, if this one is an environment, and the
+    /// density per solid angle with which `sample` draws that direction; 0 where it never draws (constant).
+    pub fn escape(&self, w: DVec3) -> Option<(Emission, f64)> {
         match &self.kind {
-            LightKind::Constant => Some(self.emission(Rgb::ONE)),
-            LightKind::Envmap(e) => Some(self.emission(e.radiance(w))),
+            LightKind::Constant => Some((self.emission(Rgb::ONE), 0.0)),
+            LightKind::Envmap(e) => {
+                let (radiance, pdf) = e.look(w);
+                Some((self.emission(radiance), pdf))
+            }
             _ => None,
         }
     }
 
-    /// Density per solid angle with which `sample` draws the escaping direction `w`; 0 where it never draws (constant).
-    pub fn escape_pdf(&self, w: DVec3) -> f64 {
-        match &self.kind {
-            LightKind::Envmap(e) => e.pdf(w),
-            _ => 0.0,
+    /// The direction toward a light at infinity without extent.
+    pub fn single_direction(&self) -> Option<DVec3> {
+        match self.kind {
+            LightKind::Directional { direction } => Some(-direction),
+            _ => None,
         }
     }
 
@@ -163,12 +167,12 @@ impl Light {
                 target: None,
             }),
             LightKind::Envmap(e) => {
-                let (w, pdf) = e.sample(u, v);
+                let (w, pdf, radiance) = e.sample(u, v);
                 (pdf > 0.0).then(|| Arrival {
                     w,
                     distance: f64::INFINITY,
                     factor: 1.0 / pdf,
-                    emission: self.emission(e.radiance(w)),
+                    emission: self.emission(radiance),
                     pdf,
                     target: None,
                 })
@@ -181,6 +185,16 @@ impl Light {
     /// Whether next-event estimation is worth a ray.
     pub fn wants_connection(&self) -> bool {
         !matches!(self.kind, LightKind::Constant)
+    }
+
+    /// Irradiance of a light without extent, mean radiance of an environment: what a vertex sees of a light at infinity.
+    pub fn distant_strength(&self) -> Option<f64> {
+        let v = self.value.luminance().abs().max(self.value.max().abs() * 1e-3);
+        match &self.kind {
+            LightKind::Directional { .. } => Some(v),
+            LightKind::Envmap(e) => Some(v * e.mean_luminance()),
+            _ => None,
+        }
     }
 
     /// A rough power for light selection, per unit area of a scene of radius `radius`.

@@ -5,6 +5,8 @@
 pub struct Discrete {
     /// `cdf[i]` = sum of weights before `i`, normalised; length n + 1.
     cdf: Vec<f64>,
+    /// Where to begin the search: the first entry of `cdf` above k/n, for k in 0..n.
+    guide: Vec<u32>,
     pub total: f64,
 }
 
@@ -21,7 +23,8 @@ impl Discrete {
         for (i, c) in cdf.iter_mut().enumerate() {
             *c = if sum > 0.0 { *c / sum } else { i as f64 / n.max(1) as f64 };
         }
-        Discrete { cdf, total: sum }
+        let guide = (0..n).map(|k| cdf.partition_point(|&c| c <= k as f64 / n as f64) as u32).collect();
+        Discrete { cdf, guide, total: sum }
     }
 
     pub fn len(&self) -> usize {
@@ -38,7 +41,16 @@ impl Discrete {
 
     /// Index, its probability, and `u` rescaled to [0,1) inside it. An entry of weight 0 is never drawn.
     pub fn sample(&self, u: f64) -> (usize, f64, f64) {
-        let i = (self.cdf.partition_point(|&c| c <= u)).clamp(1, self.len()) - 1;
+        let n = self.len();
+        let mut i = self.guide[((u * n as f64) as usize).min(n - 1)] as usize;
+        // The guide is never ahead but by rounding.
+        while i > 0 && self.cdf[i - 1] > u {
+            i -= 1;
+        }
+        while i <= n && self.cdf[i] <= u {
+            i += 1;
+        }
+        let i = i.clamp(1, n) - 1;
         let p = self.probability(i);
         let v = if p > 0.0 { ((u - self.cdf[i]) / p).clamp(0.0, 1.0 - f64::EPSILON / 2.0) } else { 0.0 };
         (i, p, v)
@@ -58,5 +70,19 @@ mod tests {
         assert_eq!(d.probability(3), 0.75);
         let (_, _, v) = d.sample(0.125);
         assert_eq!(v, 0.5);
+    }
+
+    #[test]
+    fn the_guide_finds_what_bisection_finds() {
+        let mut rng = crate::math::rng::Rng::keyed(3, 1, 4, 1);
+        for n in [1, 2, 3, 7, 64, 1000] {
+            let d = Discrete::new((0..n).map(|i| if i % 3 == 1 { 0.0 } else { rng.uniform().powi(8) + 1e-12 }));
+            let ends = d.cdf.clone().into_iter().flat_map(|c| [c, c.next_up(), c.next_down()]);
+            let grid = (0..n).map(|k| k as f64 / n as f64);
+            let all: Vec<f64> = ends.chain(grid).chain((0..1000).map(|_| rng.uniform())).collect();
+            for u in all.into_iter().filter(|u| (0.0..1.0).contains(u)) {
+                assert_eq!(d.sample(u).0, d.cdf.partition_point(|&c| c <= u).clamp(1, n) - 1, "{n} {u}");
+            }
+        }
     }
 }

@@ -88,6 +88,7 @@ impl Scene {
             opaque,
             null,
             selection: Discrete::default(),
+            distant: Vec::new(),
             local: Discrete::default(),
             embedded: Discrete::default(),
         };

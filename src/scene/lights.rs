@@ -9,6 +9,16 @@ use crate::shape::{Geometry, Shape};
 /// Share of the selection that ignores power: a light that is off can still be differentiated.
 const UNIFORM_SHARE: f64 = 0.25;
 
+/// Up to so many lights at infinity are weighed at every vertex.
+const DISTANT: usize = 4;
+
+/// `UNIFORM_SHARE` of that choice.
+const UNIFORM_SHARE_DISTANT: f64 = 0.15;
+
+/// Weight there of an environment's mean radiance against the irradiance of a light without extent times what is scattered toward it: an
+/// environment is found by drawn directions, too, and needs the connection less.
+const ENVIRONMENT: f64 = 0.25;
+
 impl Scene {
     /// Fill the selection tables; call when lights and bounds are known.
     pub fn prepare_lights(&mut self, named: &[Option<usize>]) {
@@ -39,6 +49,11 @@ impl Scene {
         let outer = self.sensors.first().and_then(|c| self.outer_medium(c.to_world.translation, c.medium));
         let within = |p: DVec3| self.medium_toward(p, DVec3::new(0.36, 0.48, 0.8), &On::default(), outer).is_some();
         let embedded = table(&|i| self.lights[i].center().is_some_and(|p| named[i].is_some() || within(p)));
+        let connected: Vec<u32> =
+            (0..self.lights.len()).filter(|&i| self.lights[i].wants_connection()).map(|i| i as u32).collect();
+        let few = (2..=DISTANT).contains(&connected.len());
+        let distant = few && connected.iter().all(|&i| self.lights[i as usize].distant_strength().is_some());
+        self.distant = if distant { connected } else { Vec::new() };
         self.selection = selection;
         self.embedded = embedded;
         self.local = local;
@@ -57,9 +72,34 @@ impl Scene {
         if b.is_finite() { b } else { 0.0 }
     }
 
-    /// A light for a connection, and its probability.
-    pub fn select_light(&self, u: f64) -> Option<(u32, f64)> {
-        select(&self.selection, u)
+    /// A light for a connection, its probability, and that of the environment. `toward` is what a vertex scatters toward a direction, per solid
+    /// angle, integral about 1. Where all lights are at infinity they are drawn by what they give without the transmittance.
+    pub fn select_light(&self, u: f64, toward: impl Fn(DVec3) -> f64) -> Option<(u32, f64, f64)> {
+        let environment = self.environment.unwrap_or(u32::MAX);
+        if self.distant.is_empty() {
+            let (id, p) = select(&self.selection, u)?;
+            return Some((id, p, self.environment.map_or(0.0, |e| self.selection(e))));
+        }
+        let n = self.distant.len();
+        let mut weight = [0.0; DISTANT];
+        for (w, &id) in weight.iter_mut().zip(&self.distant) {
+            let light = &self.lights[id as usize];
+            let seen = light.single_direction().map_or(ENVIRONMENT, &toward);
+            *w = light.distant_strength().unwrap_or(0.0) * seen;
+        }
+        let total: f64 = weight.iter().sum();
+        let share = if total > 0.0 { UNIFORM_SHARE_DISTANT } else { 1.0 };
+        let p = |k: usize| share / n as f64 + if total > 0.0 { (1.0 - share) * weight[k] / total } else { 0.0 };
+        let (mut chosen, mut below) = (n - 1, 0.0);
+        for k in 0..n {
+            below += p(k);
+            if u < below {
+                chosen = k;
+                break;
+            }
+        }
+        let at = self.distant.iter().position(|&id| id == environment);
+        Some((self.distant[chosen], p(chosen), at.map_or(0.0, p)))
     }
 
     /// Probability that a connection goes to light `id`.
@@ -91,6 +131,11 @@ impl Scene {
 
     pub fn has_local_lights(&self) -> bool {
         self.local.total > 0.0
+    }
+
+    /// Whether anything competes with the free flight, whose density must then be known.
+    pub fn weighs_flights(&self) -> bool {
+        self.has_local_lights() || self.has_embedded_lights()
     }
 
     /// Light from `id` at `p`; area lights are sampled here.

@@ -100,6 +100,8 @@ pub struct Scene {
     pub max_interfaces: usize,
     /// Probability of every light for a connection, and of every light with a position for the equi-angular one.
     pub selection: Discrete,
+    /// All lights for connections if they are few, more than one, and at infinity; otherwise none.
+    pub distant: Vec<u32>,
     pub local: Discrete,
     /// Of every light that stands in a medium, for the light-centred one.
     pub embedded: Discrete,

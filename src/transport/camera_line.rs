@@ -194,8 +194,10 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Piece
     let piece = &pieces[k];
     let m = &scene.media[piece.span.medium as usize];
     let point = piece.span.o + piece.span.w * t;
-    let density = forced_density(scene, piece, total, t);
-    if total.is_gray() && m.gray {
+    let gray = total.is_gray() && m.gray;
+    // Only competing connections and chromatic weights ask for it.
+    let density = if gray && !scene.weighs_flights() { Rgb::ZERO } else { forced_density(scene, piece, total, t) };
+    if gray {
         s.beta *= m.albedo_at(point) * (-(-total[0]).exp_m1() / p);
     } else {
         let part = MediumSpan { t1: t, ..piece.span };

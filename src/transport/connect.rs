@@ -37,7 +37,7 @@ pub(super) fn angles(light: DVec3, span: &MediumSpan) -> EquiAngular {
 
 /// Share of the free flight of density `p_flight` at abscissa `t` for the light `id` of the position `light`.
 fn flight_share(w: &Walker<impl Recorder>, id: u32, light: DVec3, flight: &Flight, t: f64) -> f64 {
-    let Some(span) = &flight.span else { return 1.0 };
+    let Some(span) = flight.span.as_ref().filter(|_| w.scene.weighs_flights()) else { return 1.0 };
     let equiangular = angles(light, span);
     if !equiangular.usable() {
         return 1.0;
@@ -50,10 +50,12 @@ fn flight_share(w: &Walker<impl Recorder>, id: u32, light: DVec3, flight: &Fligh
 
 /// Next-event estimation from a collision in medium `id` at `s.o`.
 pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
-    let Some((light, probability)) = w.scene.select_light(s.rng.uniform()) else { return };
+    let phase = &w.scene.media[id as usize].phase;
+    let toward = |d: DVec3| phase.eval(one_minus_cos(s.w, d));
+    let Some((light, probability, environment)) = w.scene.select_light(s.rng.uniform(), toward) else { return };
+    s.to_environment = environment;
     let (u, v) = (s.rng.uniform(), s.rng.uniform());
     let Some(a) = w.scene.arrival(light, s.o, u, v) else { return };
-    let phase = &w.scene.media[id as usize].phase;
     let m = one_minus_cos(s.w, a.w);
     let f = phase.eval(m);
     let mut share = 1.0;
@@ -69,7 +71,9 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
 
 /// Next-event estimation from a surface at `s.o`, reflectance already in `s.beta`.
 pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Surface, n: DVec3, wi: DVec3) {
-    let Some((light, probability)) = w.scene.select_light(s.rng.uniform()) else { return };
+    let toward = |d: DVec3| surface.eval_unit(n, wi, d);
+    let Some((light, probability, environment)) = w.scene.select_light(s.rng.uniform(), toward) else { return };
+    s.to_environment = environment;
     let (u, v) = (s.rng.uniform(), s.rng.uniform());
     let Some(a) = w.scene.arrival(light, s.o, u, v) else { return };
     let f = surface.eval_unit(n, wi, a.w);

@@ -1,14 +1,18 @@
 //! Distances in one medium: free flight and its weights.
 //!
 //! Homogeneous: exponential steps of the hero channel. Grids: delta tracking against the majorant of each brick, with
-//! the largest channel as majorant and per-channel weights [T] 8.1, 8.4. The weights of gray media are exactly 1 and
-//! the albedo: nothing is divided.
+//! the largest channel as majorant and per-channel weights [T] 8.1, 8.4; in gray bricks that are constant or of great contrast, where null
+//! collisions would pile up, the exact cubic depth is inverted instead. Both have the density `sigma_t T`. The weights of gray media are
+//! exactly 1 and the albedo: nothing is divided.
 
 use super::record::MediumSpan;
 use super::walk::State;
 use crate::math::Rgb;
 use crate::math::rng::Rng;
 use crate::medium::{Medium, Volume};
+
+/// Tentative collisions across a brick from which on its exact depth is inverted: that many steps cost more than its cells.
+const EXACT_STEPS: f64 = 16.0;
 
 /// A distance of density `sigma_h exp(-sigma_h t)`; infinite where nothing is there.
 pub fn distance(m: &Medium, s: &mut State) -> f64 {
@@ -82,10 +86,21 @@ pub fn fly(m: &Medium, span: &MediumSpan, s: &mut State) -> Option<f64> {
         Volume::Grid(grid) => {
             choose_hero(m, s);
             let h = s.hero;
-            for brick in grid.spans(span.o, span.w, span.t0, span.t1) {
+            let mut bricks = grid.spans(span.o, span.w, span.t0, span.t1);
+            while let Some(brick) = bricks.next() {
                 let majorant = brick.max * m.scale;
                 if majorant <= 0.0 {
                     continue;
+                }
+                // The flight forgets: each brick has its own target, whichever way it is drawn. For gray media only: nothing to weigh.
+                if m.gray && (brick.constant || majorant * (brick.t1 - brick.t0) > EXACT_STEPS) {
+                    match bricks.invert(&brick, s.rng.exponential() / m.scale) {
+                        Ok(t) => {
+                            s.beta *= m.albedo.at(span.o + span.w * t);
+                            return Some(t);
+                        }
+                        Err(_) => continue,
+                    }
                 }
                 let mut t = brick.t0;
                 loop {
@@ -223,6 +238,83 @@ pub fn transmittance_point(m: &Medium, span: &MediumSpan, depth: Rgb, rng: &mut 
             }
             let end = g.invert(span.o, span.w, lo, hi, rng.exponential() / m.scale).unwrap_or(hi);
             Some((lo + u * (end - lo), Rgb::splat(end - lo)))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{DAffine3, DVec3};
+    use crate::medium::grid::{GridBuilder, GridSource};
+    use crate::medium::{MediumSlots, NO_SLOT};
+    use crate::phase::Phase;
+    use std::sync::Arc;
+
+    /// Noise with one peak 300 times as high: bricks for either kind of flight, and a constant one.
+    fn smoke(scale: f64) -> Medium {
+        let source = GridSource {
+            channels: 1,
+            world_from_index: DAffine3::from_scale(DVec3::splat(0.1)),
+            background: [0.0; 3],
+            bbox: None,
+            clip: None,
+        };
+        let mut b = GridBuilder::new(source);
+        let mut rng = Rng::keyed(5, 9, 0, 0);
+        for x in 0..4 {
+            let mut values: Vec<f32> = (0..512).map(|_| rng.uniform() as f32).collect();
+            if x == 1 {
+                values[(4 * 8 + 4) * 8 + 4] = 300.0;
+            }
+            if x == 2 { b.tile([16, 0, 0], 8, [0.4; 3]) } else { b.leaf([8 * x, 0, 0], &values) }
+        }
+        let none = MediumSlots { sigma_t: NO_SLOT, albedo: NO_SLOT, scale: NO_SLOT, g: NO_SLOT, emission: NO_SLOT };
+        let grid = b.build().unwrap();
+        Medium {
+            name: "smoke".into(),
+            density: Volume::Grid(Arc::new(grid)),
+            scale,
+            albedo: Volume::Constant(Rgb::splat(0.5)),
+            emission: None,
+            phase: Phase::Isotropic,
+            slots: none,
+            sigma_t: Rgb::ONE,
+            sigma_s: Rgb::ONE,
+            constant_albedo: Rgb::splat(0.5),
+            kappa: 1.0,
+            gray: true,
+        }
+    }
+
+    /// `P(flight > t) = T(t)` at several t, gray grid media, whichever way a brick is flown (5.5 s.e. at 80 places; false alarm 3e-6).
+    #[test]
+    fn flights_follow_the_transmittance() {
+        let n = 60_000;
+        for (scale, y) in [(0.5, 0.43), (0.5, 0.11), (4.0, 0.43), (20.0, 0.2)] {
+            let m = smoke(scale);
+            let (o, w) = (DVec3::new(-0.3, y, 0.4), DVec3::new(1.0, 0.02, -0.03).normalize());
+            let span = MediumSpan { medium: 0, o, w, t0: 0.0, t1: 4.0 };
+            let Volume::Grid(grid) = &m.density else { unreachable!() };
+            let steps: Vec<f64> =
+                grid.spans(o, w, 0.0, 4.0).filter(|b| !b.constant).map(|b| b.max * scale * (b.t1 - b.t0)).collect();
+            assert!(y < 0.4 || steps.iter().any(|&s| s > EXACT_STEPS), "{steps:?}");
+            assert!(scale > 4.0 || steps.iter().any(|&s| s < EXACT_STEPS), "{steps:?}");
+            let flights: Vec<f64> = (0..n)
+                .map(|i| {
+                    let mut s = State::new(Rng::keyed(11, 1, i, 0), o, w, Some(0));
+                    let t = fly(&m, &span, &mut s);
+                    assert_eq!(s.beta, Rgb::splat(if t.is_some() { 0.5 } else { 1.0 }));
+                    t.unwrap_or(f64::INFINITY)
+                })
+                .collect();
+            for k in 1..=20 {
+                let t = 0.2 * f64::from(k);
+                let p = (-depth(&m, &MediumSpan { t1: t, ..span })[0]).exp();
+                let q = flights.iter().filter(|&&f| f > t).count() as f64 / n as f64;
+                let error = (p * (1.0 - p) / n as f64).sqrt().max(2.0 / n as f64);
+                assert!((p - q).abs() < 5.5 * error, "scale {scale}, y {y}, t {t}: {q} vs {p}");
+            }
         }
     }
 }

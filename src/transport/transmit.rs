@@ -23,14 +23,15 @@ pub fn one_span(scene: &Scene, span: &MediumSpan, rng: &mut Rng) -> Rgb {
         Volume::Grid(grid) => {
             let mut depth = Rgb::ZERO;
             let mut ratio = Rgb::ONE;
-            for brick in grid.spans(span.o, span.w, span.t0, span.t1) {
+            let mut bricks = grid.spans(span.o, span.w, span.t0, span.t1);
+            while let Some(brick) = bricks.next() {
                 if brick.max <= 0.0 {
                     continue;
                 }
                 let length = brick.t1 - brick.t0;
                 let residual = (brick.max - brick.min) * m.scale;
-                if residual * length > EXACT_RESIDUAL {
-                    depth += grid.integrate_span_rgb(&brick, span.o, span.w) * m.scale;
+                if brick.constant || residual * length > EXACT_RESIDUAL {
+                    depth += bricks.integrate(&brick) * m.scale;
                     continue;
                 }
                 depth += Rgb::splat(brick.min * m.scale * length);

@@ -58,6 +58,8 @@ pub struct State {
     pub left: u64,
     /// Optical depth of homogeneous spans since the last vertex, for the MIS weight.
     pub tau: Rgb,
+    /// Probability with which the last vertex connected to the environment.
+    pub to_environment: f64,
     /// Technique weights of the equi-angular connection at the collision at hand.
     pub flight: Flight,
     /// First surface vertex of a derivative continuation: its reflectance counts as 1.
@@ -105,6 +107,7 @@ impl State {
             vertex: o,
             left: 0,
             tau: Rgb::ZERO,
+            to_environment: 0.0,
             flight: Flight::default(),
             unit_reflectance: false,
             pending: None,
@@ -214,7 +217,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             let (beta, r) = (s.beta, s.r);
             match tracking::fly(medium, &span, s) {
                 Some(t) => {
-                    let density = tracking::flight_density(medium, &span, t);
+                    let weighs = scene.weighs_flights();
+                    let density = if weighs { tracking::flight_density(medium, &span, t) } else { 0.0 };
                     s.flight = Flight { span: Some(span), density, reach: s.reach() };
                     self.walked(s, span, t, beta, r);
                     self.collide(s, t);
@@ -280,8 +284,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         let light = &self.scene.lights[id as usize];
-        let Some(emission) = light.escape(s.w) else { return };
-        let p = self.scene.selection(id) * light.escape_pdf(s.w);
+        let Some((emission, pdf)) = light.escape(s.w) else { return };
+        let p = s.to_environment * pdf;
         self.emit(s, emission, p);
     }
 

@@ -7,7 +7,7 @@
 use super::bricks::{BRICK, ROW, SLAB, WINDOW};
 use super::nodes::{NodeId, weights};
 use super::traverse::Ray;
-use super::{Grid, Span, corners, mix};
+use super::{Grid, Span, SpanIter, corners, mix};
 use crate::math::{DVec3, Rgb};
 
 /// Half the distance of the two Gauss points in units of the interval: 1 / (2 sqrt 3).
@@ -87,6 +87,52 @@ impl Cell {
     }
 }
 
+/// Iterator over the cells of a brick.
+struct Cells<'a> {
+    ray: &'a Ray,
+    local: usize,
+    corner: [f64; 3],
+    t: f64,
+    end: f64,
+    /// Where the ray leaves the cell, and where it would leave the next: known ahead, so that no cell waits for it.
+    exit: [f64; 3],
+    next: [f64; 3],
+    step: [f64; 3],
+    /// From a cell's corner to the far plane of the next one.
+    ahead: [f64; 3],
+    stride: [usize; 3],
+    more: bool,
+}
+
+impl Iterator for Cells<'_> {
+    type Item = Cell;
+
+    // Inlined by force: what a loop over cells costs is arithmetic, not calls.
+    #[inline(always)]
+    fn next(&mut self) -> Option<Cell> {
+        if !self.more {
+            return None;
+        }
+        let [x, y, z] = self.exit;
+        let xy = if x < y { x } else { y };
+        let leave = if xy < z { xy } else { z };
+        let t1 = if leave < self.end { leave } else { self.end };
+        let t1 = if t1 > self.t { t1 } else { self.t };
+        let cell = Cell { local: self.local, corner: self.corner, t0: self.t, t1 };
+        self.more = leave < self.end;
+        self.t = t1;
+        // Cross all faces that are met at once; without branches, since which comes next is not predictable.
+        for a in 0..3 {
+            let crossed = self.exit[a] == leave;
+            self.local = self.local.wrapping_add(if crossed { self.stride[a] } else { 0 });
+            self.corner[a] += if crossed { self.step[a] } else { 0.0 };
+            self.exit[a] = if crossed { self.next[a] } else { self.exit[a] };
+            self.next[a] = self.ray.at_plane(a, self.corner[a] + self.ahead[a]);
+        }
+        Some(cell)
+    }
+}
+
 /// de Casteljau's algorithm.
 fn bezier<const N: usize>(mut b: [f64; N], s: f64) -> f64 {
     for n in (1..N).rev() {
@@ -129,53 +175,44 @@ fn invert_quartic(cubic: [f64; 4], target: f64) -> f64 {
 }
 
 impl Grid {
-    /// Visit the cells of a brick along [t0, t1], in order, until `visit` returns false. `t1` is not past the brick's end.
+    /// The cells of a brick along [t0, t1], in order. `t1` is not past the brick's end.
     #[inline(always)]
-    fn cells(&self, ray: &Ray, brick: usize, t0: f64, t1: f64, mut visit: impl FnMut(Cell) -> bool) {
+    fn cells<'a>(&self, ray: &'a Ray, brick: usize, t0: f64, t1: f64) -> Cells<'a> {
         let [_, ny, nz] = self.frame.dims;
         let brick = [brick / (ny * nz), brick / nz % ny, brick % nz];
-        let mut cell = Cell { local: 0, corner: [0.0; 3], t0, t1 };
-        // Where the ray leaves the cell, and where it would leave the next: known ahead, so that no cell waits for it.
-        let (mut exit, mut next) = ([f64::INFINITY; 3], [f64::INFINITY; 3]);
-        let (mut step, mut far) = ([0.0; 3], [0.0; 3]);
-        let mut stride = [SLAB, ROW, 1];
+        let mut cells = Cells {
+            ray,
+            local: 0,
+            corner: [0.0; 3],
+            t: t0,
+            end: t1,
+            exit: [f64::INFINITY; 3],
+            next: [f64::INFINITY; 3],
+            step: [0.0; 3],
+            ahead: [0.0; 3],
+            stride: [SLAB, ROW, 1],
+            more: true,
+        };
         for a in 0..3 {
             // Enter in the cell of the start point; rounding may put that point a hair outside of the brick.
             let base = (brick[a] * BRICK) as f64;
             let q = if ray.moves(a) { ray.o[a] + t0 * ray.d[a] } else { ray.o[a] };
             let i = ((q - base) as i32).clamp(0, BRICK as i32 - 1);
-            cell.local += i as usize * stride[a];
-            cell.corner[a] = base + f64::from(i);
+            cells.local += i as usize * cells.stride[a];
+            cells.corner[a] = base + f64::from(i);
             let up = ray.d[a] > 0.0;
-            step[a] = if up { 1.0 } else { -1.0 };
-            far[a] = if up { 1.0 } else { 0.0 };
+            cells.step[a] = if up { 1.0 } else { -1.0 };
+            let far = if up { 1.0 } else { 0.0 };
+            cells.ahead[a] = far + cells.step[a];
             if !up {
-                stride[a] = stride[a].wrapping_neg();
+                cells.stride[a] = cells.stride[a].wrapping_neg();
             }
             if ray.moves(a) {
-                exit[a] = ray.at_plane(a, cell.corner[a] + far[a]);
-                next[a] = ray.at_plane(a, cell.corner[a] + (far[a] + step[a]));
+                cells.exit[a] = ray.at_plane(a, cells.corner[a] + far);
+                cells.next[a] = ray.at_plane(a, cells.corner[a] + cells.ahead[a]);
             }
         }
-        loop {
-            let [x, y, z] = exit;
-            let xy = if x < y { x } else { y };
-            let leave = if xy < z { xy } else { z };
-            cell.t1 = if leave < t1 { leave } else { t1 };
-            cell.t1 = if cell.t1 > cell.t0 { cell.t1 } else { cell.t0 };
-            if !visit(cell) || leave >= t1 {
-                return;
-            }
-            cell.t0 = cell.t1;
-            // Cross all faces that are met at once; without branches, since which comes next is not predictable.
-            for a in 0..3 {
-                let crossed = exit[a] == leave;
-                cell.local = cell.local.wrapping_add(if crossed { stride[a] } else { 0 });
-                cell.corner[a] += if crossed { step[a] } else { 0.0 };
-                exit[a] = if crossed { next[a] } else { exit[a] };
-                next[a] = ray.at_plane(a, cell.corner[a] + (far[a] + step[a]));
-            }
-        }
+        cells
     }
 
     /// Value of channel `c` in a constant span.
@@ -195,14 +232,13 @@ impl Grid {
         match span.brick.index() {
             Some(brick) if !span.constant => {
                 let nodes = self.bricks.nodes(brick, C);
-                self.cells(ray, brick, span.t0, span.t1, |cell| {
+                for cell in self.cells(ray, brick, span.t0, span.t1) {
                     if N == 1 {
                         sum[0] += cell.integral::<C>(ray, self.smooth, nodes, 0);
                     } else {
                         cell.integrals(ray, self.smooth, nodes, sum);
                     }
-                    true
-                });
+                }
             }
             _ => {
                 for c in 0..N {
@@ -248,16 +284,6 @@ impl Grid {
         sum[0]
     }
 
-    /// Integral of all channels over one span of the same ray.
-    pub fn integrate_span_rgb(&self, span: &Span, o: DVec3, w: DVec3) -> Rgb {
-        if self.frame.channels == 1 {
-            return Rgb::splat(self.integrate_span(span, o, w));
-        }
-        let (ray, mut sum) = (Ray::new(self, o, w), [0.0; 3]);
-        self.add_span::<3, 3>(&ray, span, &mut sum);
-        Rgb(sum)
-    }
-
     /// `Ok(t)` where the integral of channel 0 from `t0` reaches `target`, or `Err` of the whole integral if that is less.
     /// For fields that are not negative. The sums are those of `integrate`, in the same order.
     pub fn invert(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, target: f64) -> Result<f64, f64> {
@@ -289,34 +315,42 @@ impl Grid {
         let spans = self.spans(o, w, t0, t1);
         let ray = spans.ray;
         for span in spans {
-            match span.brick.index() {
-                Some(brick) if !span.constant => {
-                    let nodes = self.bricks.nodes(brick, C);
-                    let mut found = None;
-                    self.cells(&ray, brick, span.t0, span.t1, |cell| {
-                        let next = sum + cell.integral::<C>(&ray, self.smooth, nodes, c);
-                        if next >= target {
-                            found = Some(cell);
-                            return false;
-                        }
-                        sum = next;
-                        true
-                    });
-                    if let Some(cell) = found {
-                        return Ok(cell.invert::<C>(&ray, self.smooth, nodes, c, target - sum));
-                    }
-                }
-                _ => {
-                    let value = self.constant_of(&span, c);
-                    let next = sum + constant_integral(value, &span);
-                    if next >= target {
-                        return Ok((span.t0 + (target - sum) / value).min(span.t1));
-                    }
-                    sum = next;
-                }
+            match self.invert_span::<C>(&ray, &span, c, sum, target) {
+                Ok(t) => return Ok(t),
+                Err(next) => sum = next,
             }
         }
         Err(sum)
+    }
+
+    /// Go on over one span with the integral `sum` in front of it.
+    #[inline(always)]
+    fn invert_span<const C: usize>(
+        &self,
+        ray: &Ray,
+        span: &Span,
+        c: usize,
+        mut sum: f64,
+        target: f64,
+    ) -> Result<f64, f64> {
+        match span.brick.index() {
+            Some(brick) if !span.constant => {
+                let nodes = self.bricks.nodes(brick, C);
+                for cell in self.cells(ray, brick, span.t0, span.t1) {
+                    let next = sum + cell.integral::<C>(ray, self.smooth, nodes, c);
+                    if next >= target {
+                        return Ok(cell.invert::<C>(ray, self.smooth, nodes, c, target - sum));
+                    }
+                    sum = next;
+                }
+                Err(sum)
+            }
+            _ => {
+                let value = self.constant_of(span, c);
+                let next = sum + constant_integral(value, span);
+                if next >= target { Ok((span.t0 + (target - sum) / value).min(span.t1)) } else { Err(next) }
+            }
+        }
     }
 
     /// Integrals of the interpolation weights over t in [t0, t1]: `f(slot, weight)`, a slot several times, background
@@ -335,17 +369,39 @@ impl Grid {
                 }
                 continue;
             }
-            self.cells(&ray, brick, span.t0, span.t1, |cell| {
-                if cell.t0 < cell.t1 {
-                    let w = cell.weight_integrals(&ray, self.smooth);
-                    for (id, w) in ids.cell(cell.local).into_iter().zip(w) {
-                        if let Some(id) = id {
-                            f(id, w);
-                        }
+            for cell in self.cells(&ray, brick, span.t0, span.t1).filter(|cell| cell.t0 < cell.t1) {
+                let w = cell.weight_integrals(&ray, self.smooth);
+                for (id, w) in ids.cell(cell.local).into_iter().zip(w) {
+                    if let Some(id) = id {
+                        f(id, w);
                     }
                 }
-                true
-            });
+            }
+        }
+    }
+}
+
+impl SpanIter<'_> {
+    /// Integral of all channels over a span of this ray.
+    #[inline]
+    pub fn integrate(&self, span: &Span) -> Rgb {
+        if self.grid.frame.channels == 1 {
+            let mut sum = [0.0];
+            self.grid.add_span::<1, 1>(&self.ray, span, &mut sum);
+            return Rgb::splat(sum[0]);
+        }
+        let mut sum = [0.0; 3];
+        self.grid.add_span::<3, 3>(&self.ray, span, &mut sum);
+        Rgb(sum)
+    }
+
+    /// [`Grid::invert`] in one span of this ray; `target` > 0.
+    #[inline]
+    pub fn invert(&self, span: &Span, target: f64) -> Result<f64, f64> {
+        if self.grid.frame.channels == 1 {
+            self.grid.invert_span::<1>(&self.ray, span, 0, 0.0, target)
+        } else {
+            self.grid.invert_span::<3>(&self.ray, span, 0, 0.0, target)
         }
     }
 }

@@ -98,7 +98,7 @@ impl Walk {
     fn new(frame: &Frame, ray: &Ray, t: f64, end: f64) -> Walk {
         let inside = |a: usize| {
             let q = if ray.moves(a) { ray.o[a] + t * ray.d[a] } else { ray.o[a] };
-            ((q * (1.0 / BRICK as f64)).floor() as i64).clamp(0, frame.dims[a] as i64 - 1)
+            ((q * (1.0 / BRICK as f64)) as i64).clamp(0, frame.dims[a] as i64 - 1)
         };
         let brick = [inside(0), inside(1), inside(2)];
         let mut walk = Walk { t, end, brick, index: 0, exit: [f64::INFINITY; 3] };
@@ -148,7 +148,7 @@ impl Walk {
 /// Iterator over the spans of a ray, in order. Zero-length spans are left out; so is the outside if the field is 0 there.
 #[derive(Clone, Debug)]
 pub struct SpanIter<'a> {
-    grid: &'a Grid,
+    pub(super) grid: &'a Grid,
     pub(super) ray: Ray,
     /// What remains of the outside before and after the table.
     before: (f64, f64),
