@@ -13,11 +13,11 @@ const UNIFORM_SHARE: f64 = 0.25;
 const DISTANT: usize = 4;
 
 /// `UNIFORM_SHARE` of that choice.
-const UNIFORM_SHARE_DISTANT: f64 = 0.15;
+const UNIFORM_SHARE_DISTANT: f64 = 0.2;
 
 /// Weight there of an environment's mean radiance against the irradiance of a light without extent times what is scattered toward it: an
 /// environment is found by drawn directions, too, and needs the connection less.
-const ENVIRONMENT: f64 = 0.25;
+const ENVIRONMENT: f64 = 0.5;
 
 impl Scene {
     /// Fill the selection tables; call when lights and bounds are known.
