@@ -3,13 +3,13 @@
 //! With all vertices of a path fixed, `∂_p r^-2` at a medium vertex y diverges too fast for any density ([T] 5.5). Balls tame it: y lies in the ball of
 //! the vertex x before it if it is nearer to the light than half as far as x.
 //!
-//! * A path that ends x, y, light with y in the ball of x is scored by [`ball`] alone, drawn around the light with a model subtracted.
+//! * A path that ends x, y, light with y in the ball of x is scored by `ball` alone, drawn around the light with a model subtracted.
 //! * What that leaves at x grows like `|x-p|^-2`: its second moment is infinite where free flight drew x. So a path that enters a ball (x in
-//!   that of z) and scatters on is scored by [`chain`] alone, from the first vertex z whose ball it enters: x is drawn around the light,
+//!   that of z) and scatters on is scored by `chain` alone, from the first vertex z whose ball it enters: x is drawn around the light,
 //!   and the walk from there scores by these same rules, chains of its own included. The walk that entered by chance scores
 //!   that light's motion no more ([`State::left`]).
 //!
-//! All other connections score as they are ([`follows`]).
+//! All other connections score as they are (`follows`).
 
 use super::aim::{Aim, Turn};
 use super::light_centred::{Sight, Vertex};
