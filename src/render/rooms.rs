@@ -135,8 +135,10 @@ impl<'a> Rooms<'a> {
     ) {
         let start = Instant::now();
         let mut rng = Rng::keyed(self.seed, self.purpose(room, false), key, sample);
-        // A fraction of a ray is a ray with that probability.
-        let rays = (self.along[room] + rng.uniform()) as usize;
+        // Fractions add up over the samples from a random start: right on average, and even.
+        let start_at = Rng::keyed(self.seed, self.purpose(room, false), key, u64::MAX).uniform();
+        let until = |s: u64| (s as f64 * self.along[room] + start_at).floor();
+        let rays = (until(sample + 1) - until(sample)) as usize;
         for _ in 0..rays {
             self.camera_ray(room, pixel, &mut rng, tally, f);
         }
