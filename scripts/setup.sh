@@ -10,6 +10,11 @@ set -eu
 packages='build-essential pkg-config libembree-dev libopenvdb-dev libboost-dev libtbb-dev libclang-dev'
 rust_wanted=1.85
 
+# Debian packages rustfmt and clippy apart from its own Rust; `make test` wants them.
+if [ "$(command -v cargo || true)" = /usr/bin/cargo ]; then
+    packages="$packages rustfmt rust-clippy"
+fi
+
 say() { printf '%s\n' "setup: $*" >&2; }
 status=0
 
@@ -48,7 +53,7 @@ if [ -n "$missing" ]; then
 fi
 
 # Rust: Debian 13's own will do, Debian 12's (1.63) will not.
-help="get it from https://rustup.rs, or on Debian 13:  sudo apt-get install cargo rustc"
+help="get it from https://rustup.rs, or on Debian 13:  sudo apt-get install cargo rustc rustfmt rust-clippy"
 if ! command -v cargo >/dev/null || ! command -v rustc >/dev/null; then
     say "no Rust toolchain; $rust_wanted or newer is needed: $help"
     status=1
