@@ -18,9 +18,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// Samples of a room, along and outward alike, for one sample of the picture: the least and the most.
-const RATE: (f64, f64) = (1.0 / 8.0, 1.5);
+const RATE: (f64, f64) = (1.0 / 8.0, 1.0);
 /// Cost of a room's sample (one along, one outward) over that of a path with its derivative, in rays.
-const COST: f64 = 1.0;
+const COST: f64 = 2.5;
 /// Outward samples of one work item.
 pub const BLOCK: u64 = 2048;
 
