@@ -304,7 +304,8 @@ impl Job<'_> {
     /// Add one contribution of a room.
     fn contribute(&self, room: usize, c: &rooms::Contribution, film: &Film, reverse: &mut Option<Reverse>) {
         let Some(pixel) = self.in_crop(c.pixel) else { return };
-        if !c.weight.is_finite() {
+        let finite = c.sample.partials.iter().all(|p| p.v.is_finite());
+        if !c.weight.is_finite() || !finite {
             film.reject_sample(pixel);
             return;
         }
@@ -457,6 +458,7 @@ fn count(health: &Health, t: &Tally) {
     health.add(Mishap::MissedBoundaries, t.missed_boundary);
     health.add(Mishap::LightOnRay, t.light_on_ray);
     health.add(Mishap::UnboundedVacuum, t.unbounded_vacuum);
+    health.add(Mishap::RejectedNonfinite, t.nonfinite);
 }
 
 /// Root mean square of the standard errors over the mean of the picture.

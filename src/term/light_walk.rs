@@ -124,6 +124,7 @@ impl LightWalk<'_> {
         s.start = weight.abs().max();
         s.depth = 1;
         if s.start == 0.0 || !s.start.is_finite() {
+            cx.tally.nonfinite += u64::from(!s.start.is_finite());
             return;
         }
         while s.depth + 1 < set.max_depth {

@@ -147,7 +147,7 @@ fn media_box(scene: &Scene) -> Option<Bounds> {
     Some(all)
 }
 
-/// A list of up to four partials.
+/// A list of at most four partials; no sheet depends on more.
 #[derive(Clone, Copy, Debug)]
 pub struct Partials {
     list: [Partial; 4],
@@ -162,10 +162,8 @@ impl Default for Partials {
 
 impl Partials {
     pub fn push(&mut self, p: Partial) {
-        if self.len < self.list.len() {
-            self.list[self.len] = p;
-            self.len += 1;
-        }
+        self.list[self.len] = p;
+        self.len += 1;
     }
 
     pub fn as_slice(&self) -> &[Partial] {

@@ -174,7 +174,8 @@ pub fn outward(
     // One of them goes on.
     let size = starts.map(|s| s.map_or(0.0, |(_, weight, _)| weight.abs().max()));
     let total = size[0] + size[1];
-    if total.is_nan() || total <= 0.0 || cx.set.max_depth <= 2 {
+    if !total.is_finite() || total <= 0.0 || cx.set.max_depth <= 2 {
+        cx.tally.nonfinite += u64::from(!total.is_finite());
         return;
     }
     let k = usize::from(rng.uniform() * total >= size[0]);

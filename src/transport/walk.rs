@@ -131,6 +131,8 @@ pub struct Tally {
     pub missed_boundary: u64,
     /// Derivatives asked of a vacuum without end: no candidate could be drawn there.
     pub unbounded_vacuum: u64,
+    /// Weights that are not numbers: what they would have given is left out.
+    pub nonfinite: u64,
 }
 
 impl Tally {
@@ -142,6 +144,7 @@ impl Tally {
             light_on_ray: self.light_on_ray + o.light_on_ray,
             missed_boundary: self.missed_boundary + o.missed_boundary,
             unbounded_vacuum: self.unbounded_vacuum + o.unbounded_vacuum,
+            nonfinite: self.nonfinite + o.nonfinite,
         }
     }
 }
