@@ -16,7 +16,6 @@ use tyndall::render::family::{Family, View};
 use tyndall::render::health::Health;
 use tyndall::render::plan::Terms;
 use tyndall::render::png::{self, Content, Exposure, Panel, Sheet};
-use tyndall::scene::compile::LoadOptions;
 use tyndall::study::check::{self, CheckOptions, CheckReport, ParameterCheck, Verdict};
 
 /// Derivatives against finite differences of the renderer's own pictures, both with error bars
@@ -97,7 +96,7 @@ impl CheckArgs {
         self.check_places()?;
         let setup = Setup::new(&self.scene, &self.study.render(self.spp), &wrt, log)?;
         tell_idle(&setup.scene.param_set(&setup.desc, &wrt)?, &wrt, log);
-        let load = LoadOptions { repair_voxels: self.study.repair_voxels };
+        let load = self.scene.load(self.study.repair_voxels);
         let family = Family::file(&self.scene.scene, &self.scene.define, load);
         let stop = Some(setup.stop.flag());
         let view = View { sensor: setup.sensor, crop: setup.crop, terms: &self.study.terms, stop };

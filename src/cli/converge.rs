@@ -17,7 +17,6 @@ use tyndall::render::family::{Family, View};
 use tyndall::render::health::Health;
 use tyndall::render::plan::Terms;
 use tyndall::render::plot::{Plot, Series};
-use tyndall::scene::compile::LoadOptions;
 use tyndall::study::converge::{self, ConvergeOptions, Curve, Kind, Reference, Speedup};
 
 /// Error against run time: picture, derivatives in total and by term, and finite differences beside them
@@ -84,7 +83,7 @@ impl ConvergeArgs {
         let setup = Setup::new(&self.scene, &self.study.render(None), &wrt, log)?;
         let reference = self.reference.as_deref().map(|p| open(p, &setup)).transpose()?;
         let given = |layer: &str| reference.as_ref().and_then(|r| layer_of(r, layer, &setup));
-        let load = LoadOptions { repair_voxels: self.study.repair_voxels };
+        let load = self.scene.load(self.study.repair_voxels);
         let family = Family::file(&self.scene.scene, &self.scene.define, load);
         let stop = Some(setup.stop.flag());
         let view = View { sensor: setup.sensor, crop: setup.crop, terms: &self.study.terms, stop };

@@ -17,7 +17,6 @@ use tyndall::inverse::settings::{Rendered, Settings, Target};
 use tyndall::math::Rgb;
 use tyndall::render::family::{Family, View};
 use tyndall::render::health::Health;
-use tyndall::scene::compile::LoadOptions;
 use tyndall::scene::desc::suggest;
 
 /// Defaults of options.
@@ -56,7 +55,7 @@ impl Given {
                 define.push((name.clone(), format!("{value:?}")));
             }
         }
-        Ok(Given { scene: SceneOptions { scene, define }, settings, base })
+        Ok(Given { scene: SceneOptions { scene, define, orders: None }, settings, base })
     }
 }
 
@@ -130,7 +129,7 @@ impl Prepared {
             family: Family::file(
                 &given.scene.scene,
                 &given.scene.define,
-                LoadOptions { repair_voxels: args.study.repair_voxels },
+                given.scene.load(args.study.repair_voxels),
             ),
             truth: wrt.iter().map(truth).collect(),
             target_name: match &target {

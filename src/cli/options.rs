@@ -4,6 +4,7 @@ use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
 use tyndall::error::{Error, Result};
+use tyndall::scene::compile::{LoadOptions, Orders};
 
 /// Log and result format.
 #[derive(Args, Clone, Debug, Default)]
@@ -29,6 +30,15 @@ pub struct SceneOptions {
     /// Set a `$parameter` of the scene (repeatable)
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = definition)]
     pub define: Vec<(String, String)>,
+    /// Only light that scattered this often, at surfaces or in media: N, A..B or A.. [default: all]
+    #[arg(long, value_name = "ORDERS", value_parser = orders)]
+    pub orders: Option<Orders>,
+}
+
+impl SceneOptions {
+    pub fn load(&self, repair_voxels: bool) -> LoadOptions {
+        LoadOptions { repair_voxels, orders: self.orders.unwrap_or_default() }
+    }
 }
 
 /// What every command that renders takes.
@@ -153,6 +163,21 @@ fn crop(text: &str) -> std::result::Result<[usize; 4], String> {
     Ok([x0, y0, x1, y1])
 }
 
+/// `2`, `1..3` (both included) or `2..`.
+fn orders(text: &str) -> std::result::Result<Orders, String> {
+    let form = "write numbers of scatterings: 2, or 1..3 (both included), or 2..";
+    let number = |s: &str| s.trim().parse::<u32>().map_err(|_| form.to_string());
+    let (first, last) = match text.split_once("..") {
+        None => (number(text)?, number(text)?),
+        Some((a, "")) => (number(a)?, u32::MAX),
+        Some((a, b)) => (number(a)?, number(b)?),
+    };
+    if first > last {
+        return Err(format!("{first} comes after {last}: {form}"));
+    }
+    Ok(Orders { first, last })
+}
+
 pub fn duration(text: &str) -> std::result::Result<Duration, String> {
     let form = "write a number and its unit: 500ms, 90s, 5m or 1h";
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
@@ -223,6 +248,16 @@ mod tests {
         assert_eq!(crop("1,2, 3,4"), Ok([1, 2, 3, 4]));
         for bad in ["", "1,2,3", "1,2,3,4,5", "3,2,3,4", "-1,0,2,2", "0,0,1.5,2"] {
             assert!(crop(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn orders_are_ranges() {
+        assert_eq!(orders("2"), Ok(Orders { first: 2, last: 2 }));
+        assert_eq!(orders("1..3"), Ok(Orders { first: 1, last: 3 }));
+        assert_eq!(orders("2.."), Ok(Orders { first: 2, last: u32::MAX }));
+        for bad in ["", "..", "..2", "3..1", "a", "-1", "1..=2"] {
+            assert!(orders(bad).is_err(), "{bad}");
         }
     }
 

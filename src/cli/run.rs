@@ -14,7 +14,6 @@ use tyndall::native;
 use tyndall::render::driver::{Job, Mode, Outcome};
 use tyndall::render::plan::{Plan, Terms};
 use tyndall::render::report::{self, Parameter, PlanLine, Report, TermReport};
-use tyndall::scene::compile::LoadOptions;
 use tyndall::scene::desc::suggest;
 use tyndall::scene::parts::Parts;
 use tyndall::scene::{Scene, SceneDesc};
@@ -57,7 +56,7 @@ impl Setup {
             Some(c) => c,
             None => film.crop,
         };
-        let scene = Scene::compile(&desc, &LoadOptions { repair_voxels: o.repair_voxels })?;
+        let scene = Scene::compile(&desc, &scene.load(o.repair_voxels))?;
         log.warnings(&scene.warnings);
         let spp = o.spp.unwrap_or(parts.sensors[sensor].spp);
         let seed = o.seed.unwrap_or(parts.sensors[sensor].seed);

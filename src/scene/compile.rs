@@ -27,6 +27,20 @@ const KAPPA_SHARE: f64 = 0.3;
 #[derive(Clone, Debug, Default)]
 pub struct LoadOptions {
     pub repair_voxels: bool,
+    pub orders: Orders,
+}
+
+/// Which numbers of scatterings a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Orders {
+    pub first: u32,
+    pub last: u32,
+}
+
+impl Default for Orders {
+    fn default() -> Self {
+        Orders { first: 0, last: u32::MAX }
+    }
 }
 
 impl Scene {
@@ -69,6 +83,7 @@ impl Scene {
         let i = parts.integrator;
         let mut scene = Scene {
             max_interfaces: 2 * shapes.len() + 64,
+            exact_transmittance: false,
             shapes,
             surfaces,
             media,
@@ -77,7 +92,8 @@ impl Scene {
             sensors,
             films,
             settings: Settings {
-                max_depth: i.max_depth,
+                max_depth: i.max_depth.min(options.orders.last.saturating_add(1)),
+                min_order: options.orders.first,
                 rr_depth: i.rr_depth,
                 hide_emitters: i.hide_emitters,
                 cap: PATH_CAP,

@@ -67,6 +67,8 @@ pub struct Settings {
     /// Scatterings before roulette begins.
     pub rr_depth: u32,
     pub hide_emitters: bool,
+    /// Light that scattered less often is left out of the picture and of every term; paths are the same.
+    pub min_order: u32,
     /// A path is cut here and counted, never silently.
     pub cap: u64,
 }
@@ -98,6 +100,8 @@ pub struct Scene {
     pub null: Group,
     /// More crossings than this in one straight line: something is wrong, counted in `health`.
     pub max_interfaces: usize,
+    /// Transmittances of grids are integrals, never estimates: slower, but pictures of nearby scenes then differ by what changed alone.
+    pub exact_transmittance: bool,
     /// Probability of every light for a connection, and of every light with a position for the equi-angular one.
     pub selection: Discrete,
     /// All lights for connections if they are few, more than one, and at infinity; otherwise none.

@@ -319,7 +319,7 @@ pub fn invalid_voxels(b: &mut Bench) -> Result<()> {
         };
         b.policy(label, seen);
         let desc = SceneDesc::parse(&text, Path::new("stress/scene.xml"), &[])?;
-        let seen = match Scene::compile(&desc, &LoadOptions { repair_voxels: true }) {
+        let seen = match Scene::compile(&desc, &LoadOptions { repair_voxels: true, ..Default::default() }) {
             Ok(s) => s
                 .warnings
                 .iter()

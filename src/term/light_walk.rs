@@ -133,7 +133,9 @@ impl LightWalk<'_> {
                 cx.tally.capped += 1;
                 break;
             }
-            self.through_a_camera_ray(cx, &z, s.beta / s.r.mean(), &mut s.rng, emit);
+            if s.depth + 1 >= set.min_order {
+                self.through_a_camera_ray(cx, &z, s.beta / s.r.mean(), &mut s.rng, emit);
+            }
             let (u, v) = (s.rng.uniform(), s.rng.uniform());
             let Some((w, f, density)) = z.sample(scene, u, v) else { break };
             s.beta *= f;
@@ -145,7 +147,8 @@ impl LightWalk<'_> {
             let Some((next, flight)) = fly(cx, &mut s) else { break };
             s.depth += 1;
             // Straight to the camera.
-            if let Some(q) = cx.sensor.project(next.p).filter(|q| cx.on_film(q.film)) {
+            let counts = s.depth >= set.min_order;
+            if let Some(q) = cx.sensor.project(next.p).filter(|q| counts && cx.on_film(q.film)) {
                 let share = match flight {
                     Some(flight) => {
                         let a = density * flight / (next.p - from).length_squared();

@@ -93,7 +93,7 @@ pub fn crossing(
     emit: &mut dyn FnMut(&Sample),
 ) {
     let scene = cx.scene;
-    let Some((span, before)) = c.spans.split_last() else { return };
+    let Some((span, before)) = c.spans.split_last().filter(|_| cx.set.min_order <= 1) else { return };
     let y = span.o + span.w * c.t;
     let m = &scene.media[span.medium as usize];
     let sigma_s = m.coefficients(y).1;
@@ -129,7 +129,7 @@ pub fn outward(
     let u = rng.uniform();
     let Some(end) = receiver(scene, ray, grazed) else { return };
     let limit = end.as_ref().map_or(f64::INFINITY, |h| h.t);
-    let within = cx.set.max_depth > 1;
+    let within = cx.set.max_depth > 1 && cx.set.min_order <= 1;
     let mut starts: [Option<(Vertex, Rgb, f64)>; 2] = [None, None];
 
     let point = reach.sample(ray, u).filter(|p| p.0 < limit);

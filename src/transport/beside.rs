@@ -50,7 +50,9 @@ pub(super) fn entered<R: Recorder>(w: &Walker<R>, x: Option<DVec3>, y: DVec3) ->
 /// Score the balls of the vertex at `s.o`.
 pub fn score<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     if R::ON && w.scene.has_embedded_lights() && w.may_scatter(s.depth + 1) {
-        ball(w, s, vertex);
+        if s.depth + 1 >= w.set.min_order {
+            ball(w, s, vertex);
+        }
         if w.may_scatter(s.depth + 2) {
             let chains = w.rec.chains();
             if chains >= 1.0 || s.aside.uniform() < chains {
@@ -85,18 +87,21 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let (u, v, z) = (s.aside.uniform(), s.aside.uniform(), s.aside.uniform());
     let radius = BESIDE * (p - s.o).length();
     let (r, n) = (radius * u * u, warp::sphere(v, z));
-    let y = p + n * r;
-    if r <= 0.0 || !r.is_finite() || y == p {
+    if r <= 0.0 || !r.is_finite() || p + n * r == p {
         return;
     }
-    let density = q / (2.0 * (radius * r).sqrt()) / (4.0 * PI * r * r);
+    // A point and its mirror image, half each: what is odd about the light cancels.
+    let density = q / (radius * r).sqrt() / (4.0 * PI * r * r);
     let prefix = s.beta / s.r.mean();
     let side = w.rec.side_len();
     // Apart from the stream that the connection's own line integral draws from: the two are multiplied.
     let mut rng = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 3, 0);
     // Exact transmittances: noise of their own would not cancel.
-    let (at_light, at_y) = (Sight::new(w, s, vertex, p, None), Sight::new(w, s, vertex, y, None));
-    if let Some(a) = scene.arrival(light, y, 0.0, 0.0) {
+    let at_light = Sight::new(w, s, vertex, p, None);
+    for n in [n, -n] {
+        let y = p + n * r;
+        let Some(a) = scene.arrival(light, y, 0.0, 0.0) else { continue };
+        let at_y = Sight::new(w, s, vertex, y, None);
         // F without its phase function at the far end.
         let rest = |sight: &Sight, y: DVec3| {
             let m = &scene.media[sight.span.medium as usize];
@@ -121,7 +126,7 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         if let Some(sight) = &at_light {
             let h = rest(sight, p) * phase(sight);
             w.rec.push(Event::Aim { aim: Aim { model: true, ..aim(sight) }, value: -(h * light_at_y) });
-            let flux = h * a.emission.color() * (4.0 * PI / q);
+            let flux = h * a.emission.color() * (2.0 * PI / q);
             w.rec.push(Event::Drift { slot: scene.lights[light as usize].place.position, v: -n, value: flux });
         }
     }

@@ -143,7 +143,7 @@ fn glow<R: Recorder>(w: &mut Walker<R>, s: &mut State, pieces: &[Piece], prefix:
     let Some((t, weight)) = tracking::transmittance_point(m, &piece.span, piece.depth, &mut s.rng) else { return };
     w.rec.push(Event::Chain);
     let lead: Vec<MediumSpan> = if R::ON { lead.iter().map(|q| q.span).collect() } else { Vec::new() };
-    w.glow(&lead, piece.span, t, prefix * before * weight);
+    w.glow(&lead, piece.span, t, prefix * before * weight, 0);
 }
 
 /// The equi-angular connection and the candidate of a derivative vertex on the last of `pieces`.

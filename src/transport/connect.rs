@@ -136,7 +136,7 @@ pub fn equiangular<R: Recorder>(
     let Some((t, _)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
     let aim = beside::follows(w, light, s.left, p, reach.map(|r| r.0))
         .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));
-    score(w, &a, weight * t, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)), aim);
+    score(w, &a, weight * t, depth + 1, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)), aim);
 }
 
 /// Weight against direction sampling, trace the shadow ray, score.
@@ -159,18 +159,23 @@ fn finish<R: Recorder>(
         let light = probability * a.pdf;
         weight *= light / (light + p_direction * survival(tau));
     }
-    score(w, a, weight, first, [phase, None], None, aim);
+    score(w, a, weight, s.depth, first, [phase, None], None, aim);
 }
 
+/// `order`: scatterings of the path.
 pub(super) fn score<R: Recorder>(
     w: &mut Walker<R>,
     a: &Arrival,
     weight: Rgb,
+    order: u32,
     first_span: u32,
     phase: [Option<(u32, f64)>; 2],
     scatter: Option<(u32, DVec3, Rgb)>,
     aim: Option<Aim>,
 ) {
+    if order < w.set.min_order {
+        return;
+    }
     let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);
     let value = weight * sigma_s * a.emission.color();
     w.value += value;

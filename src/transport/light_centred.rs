@@ -164,5 +164,5 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         let turn = Turn::Phase(span.medium, sight.direction);
         Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside)
     });
-    connect::score(w, &a, weight * shadow, first, phases, Some((span.medium, y, sigma_s)), aim);
+    connect::score(w, &a, weight * shadow, s.depth + 1, first, phases, Some((span.medium, y, sigma_s)), aim);
 }

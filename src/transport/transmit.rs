@@ -30,7 +30,7 @@ pub fn one_span(scene: &Scene, span: &MediumSpan, rng: &mut Rng) -> Rgb {
                 }
                 let length = brick.t1 - brick.t0;
                 let residual = (brick.max - brick.min) * m.scale;
-                if brick.constant || residual * length > EXACT_RESIDUAL {
+                if brick.constant || scene.exact_transmittance || residual * length > EXACT_RESIDUAL {
                     depth += bricks.integrate(&brick) * m.scale;
                     continue;
                 }

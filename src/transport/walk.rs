@@ -257,7 +257,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             // Track length [T] 7: a uniform point of the walked part, P(walk gets to t) = T(t).
             let u = s.rng.uniform() * t;
             let weight = tracking::walked_weight(medium, &span, u, beta, r) * t;
-            self.glow(&[], span, u, weight);
+            self.glow(&[], span, u, weight, s.depth);
         }
         if medium.is_homogeneous() && t < f64::INFINITY {
             s.tau += medium.sigma_t * t;
@@ -292,8 +292,11 @@ impl<'a, R: Recorder> Walker<'a, R> {
         self.emit(s, emission, p);
     }
 
-    /// Score the emission of the medium at abscissa `t` of a span, with the weight of that point.
-    pub fn glow(&mut self, lead: &[MediumSpan], span: MediumSpan, t: f64, weight: Rgb) {
+    /// Score the emission of the medium at abscissa `t` of a span, with the weight of that point, after `order` scatterings.
+    pub fn glow(&mut self, lead: &[MediumSpan], span: MediumSpan, t: f64, weight: Rgb, order: u32) {
+        if order < self.set.min_order {
+            return;
+        }
         let medium = &self.scene.media[span.medium as usize];
         let p = span.o + span.w * t;
         let Some((sigma_a, color)) = medium.glow(p) else { return };
@@ -314,6 +317,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
 
     /// Score emission met by the walk, weighted against a connection of density `p_light` (per solid angle).
     fn emit(&mut self, s: &State, emission: crate::light::Emission, p_light: f64) {
+        if s.depth < self.set.min_order {
+            return;
+        }
         let mut weight = s.beta / s.r.mean();
         if s.pdf_direction > 0.0 && p_light > 0.0 {
             weight *= connect::direction_share(s.pdf_direction, s.tau, p_light);
