@@ -19,7 +19,7 @@ import ours  # noqa: E402
 
 SEEDS, RES = 32, 64
 # Samples a pixel of ours and of each of their runs; pixels of a block (heavy tails want large ones).
-SCENES = {"room": (512, 64, 4), "fog": (2048, 256, 4), "blob": (512, 64, 4), "surfaces": (512, 64, 4), "slab": (512, 64, 4), "fire": (256, 32, 4)}
+SCENES = {"room": (512, 64, 4), "fog": (2048, 256, 16), "blob": (512, 64, 4), "surfaces": (512, 64, 4), "slab": (512, 64, 4), "fire": (256, 32, 4)}
 
 
 def blocks(a, n):

@@ -81,6 +81,8 @@ pub struct Arrival {
     pub pdf: f64,
     /// The shape that a clear ray ends on.
     pub target: Option<u32>,
+    /// Its normal there.
+    pub n: DVec3,
 }
 
 /// Smooth spot falloff: 1 inside the beam angle, 0 outside the cutoff, linear in the angle between, as Mitsuba has it.
@@ -146,7 +148,7 @@ impl Light {
     pub fn along(&self, d: DVec3) -> Arrival {
         let r2 = d.length_squared();
         let (distance, emission) = (r2.sqrt(), self.emission(Rgb::ONE));
-        Arrival { w: d / distance, distance, factor: 1.0 / r2, emission, pdf: 0.0, target: None }
+        Arrival { w: d / distance, distance, factor: 1.0 / r2, emission, pdf: 0.0, target: None, n: DVec3::ZERO }
     }
 
     /// Light arriving at `p`; `None` where nothing can arrive or where sampling by direction is no worse (constant).
@@ -165,6 +167,7 @@ impl Light {
                 emission: self.emission(Rgb::ONE),
                 pdf: 0.0,
                 target: None,
+                n: DVec3::ZERO,
             }),
             LightKind::Envmap(e) => {
                 let (w, pdf, radiance) = e.sample(u, v);
@@ -175,6 +178,7 @@ impl Light {
                     emission: self.emission(radiance),
                     pdf,
                     target: None,
+                    n: DVec3::ZERO,
                 })
             }
             // Area lights need their shape: `scene::connect` samples them.

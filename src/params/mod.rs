@@ -1,8 +1,10 @@
 //! Parameters: which numbers of a scene can be differentiated (slots), and what a partial derivative means (sinks).
 //! The only place that knows forward from reverse.
 
+pub mod mover;
 pub mod sink;
 pub mod slot;
 
+pub use mover::{Covector, Mover, Partial};
 pub use sink::{Forward, Null, Reverse, Sink};
 pub use slot::{Block, Owner, ParamSet, Quantity, Slot, SlotTable};

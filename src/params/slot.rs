@@ -30,6 +30,12 @@ pub enum Quantity {
     Direction,
     /// Beam width and cutoff of a spot, radians.
     Angles,
+    /// Motion of a shape or camera: displacement of its pivot, world space.
+    Shift,
+    /// The linear part of its motion about the pivot, row by row ([`super::Mover`]).
+    Deformation,
+    /// A perspective camera's tangent of half the field of view, and its principal point.
+    Lens,
 }
 
 impl Quantity {
@@ -45,21 +51,27 @@ impl Quantity {
             Quantity::Position => "position",
             Quantity::Direction => "direction",
             Quantity::Angles => "angles",
+            Quantity::Shift => "shift",
+            Quantity::Deformation => "deformation",
+            Quantity::Lens => "lens",
         }
     }
 
     /// Whether it is a value at fixed points; otherwise something moves.
     pub fn is_value(self) -> bool {
-        !matches!(self, Quantity::Position | Quantity::Direction | Quantity::Angles)
+        use Quantity::{Angles, Deformation, Direction, Lens, Position, Shift};
+        !matches!(self, Position | Direction | Angles | Shift | Deformation | Lens)
     }
 }
 
-/// Whose slots: an index into the scene's media, surfaces or lights. Names need not be unique, indices are.
+/// Whose slots: an index into the scene's media, surfaces, lights, shapes or sensors. Names need not be unique, indices are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Owner {
     Medium(usize),
     Surface(usize),
     Light(usize),
+    Shape(usize),
+    Sensor(usize),
 }
 
 /// Consecutive slots of one quantity of one object.

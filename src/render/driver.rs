@@ -207,7 +207,8 @@ impl Job<'_> {
             scene: self.scene,
             set: &self.scene.settings,
             params,
-            facts: Arc::new(SweepFacts::new(self.scene, params)),
+            facts: Arc::new(SweepFacts::new(self.scene, &self.scene.sensors[self.sensor], params)),
+            sensor: &self.scene.sensors[self.sensor],
         });
         let mut layers = self.layers();
         layers.extend(self.term_layers("interior"));

@@ -97,13 +97,14 @@ impl Term {
     }
 
     /// Whether this program computes it for such a motion.
-    pub fn exists(self, m: &Motion) -> bool {
+    pub fn exists(self, f: &Facts, m: &Motion) -> bool {
+        let surfaces = m.opaque || m.camera || m.area_light;
+        // What moves besides lights of zero measure moves in a vacuum so far.
+        let unknown = m.ior || m.interface || m.border || m.volume || surfaces && f.medium;
         match self {
             Term::P => !(m.environment || m.volume),
-            // Of what moves, lights of zero measure so far.
-            Term::M | Term::G | Term::R | Term::H => {
-                !(m.opaque || m.camera || m.area_light || m.ior || m.interface || m.border || m.volume)
-            }
+            Term::M | Term::G | Term::R | Term::E1 | Term::E3 => !unknown,
+            Term::H => !unknown && !surfaces,
             _ => false,
         }
     }
@@ -177,13 +178,15 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(m.border, &[P, N], "a border at which the density jumps moves");
 
     add(m.area_light, &[M], "an area light moves");
+    add(m.area_light, &[E1], "an area light moves, its outline may be seen");
     let lit = m.area_light && f.occluders;
     add(lit && f.medium, &[E2], "an area light moves, its light is cut by silhouettes");
     add(lit && f.surfaces, &[E3], "an area light moves, its light is cut by silhouettes");
-    add(lit, &[E1], "an area light moves, its outline is seen");
 
     add(m.zero_measure_light, &[M], "a zero-measure light moves");
     add((m.zero_measure_light || m.profile) && f.hard_profile, &[H], "its profile has a hard edge");
+    let matter = m.opaque || m.area_light || m.camera && f.surfaces;
+    add(matter && f.hard_profile, &[H], "what a hard-edged profile lights moves");
     add(m.profile && !f.hard_profile, &[P], "a smooth light profile changes");
     let shadow = m.zero_measure_light && f.occluders;
     add(shadow && f.medium, &[G], "a light moves, occluders cast shadows in a medium");
@@ -300,7 +303,7 @@ impl Plan {
             let dual = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
             let motion = motion(&parts, &dual);
             for (term, why) in needed(&facts, &motion) {
-                if !term.exists(&motion) {
+                if !term.exists(&facts, &motion) {
                     missing.push((name.clone(), term, why));
                 }
                 all.entry(term).or_insert_with(|| format!("{why} ({name})"));

@@ -66,13 +66,13 @@ impl<'a> Rooms<'a> {
         params: &ParamSet,
         wanted: impl Fn(&str) -> bool,
     ) -> Result<Rooms<'a>> {
-        let motion = Motion::new(scene, params);
+        let (index, sensor) = (sensor, &scene.sensors[sensor]);
+        let motion = Motion::new(scene, sensor, params);
         hard_profile::refuse(scene, &motion)?;
-        let (index, filter) = (sensor, scene.films[sensor].part.filter);
-        let sensor = &scene.sensors[sensor];
+        let filter = scene.films[index].part.filter;
         motion.check(scene, sensor, crop, filter::radius(filter))?;
         let outer = scene.outer_medium(sensor.to_world.translation, sensor.medium);
-        let list = rooms(scene, sensor, &motion, wanted);
+        let list = rooms(scene, sensor, filter::radius(filter), &motion, wanted);
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();
         let along = vec![1.0; list.len()];
         let outward = vec![(sensor.width * sensor.height) as u64; list.len()];

@@ -10,7 +10,7 @@ use crate::light::{Light, LightKind, Place};
 use crate::math::discrete::Discrete;
 use crate::math::{DMat3, DVec3, Rgb};
 use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
-use crate::params::{Owner, ParamSet, Quantity, SlotTable};
+use crate::params::{Mover, Owner, ParamSet, Quantity, SlotTable};
 use crate::phase::Phase;
 use crate::sensor::{Projection, Sensor};
 use crate::shape::{Bounds, Cube, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, obj, ply};
@@ -51,8 +51,9 @@ impl Scene {
         let mut warnings = desc.warnings.clone();
         let slots = slot_table(&parts);
         let mut shapes = Vec::with_capacity(parts.shapes.len());
-        for s in &parts.shapes {
-            shapes.push(instance(s, &parts, &mut warnings)?);
+        for (i, s) in parts.shapes.iter().enumerate() {
+            let mover = Mover { first: slot_of(&slots, Owner::Shape(i), Quantity::Shift), pivot: s.pivot() };
+            shapes.push(instance(s, &parts, mover, &mut warnings)?);
         }
         let mut media = Vec::with_capacity(parts.media.len());
         for (i, m) in parts.media.iter().enumerate() {
@@ -66,7 +67,7 @@ impl Scene {
         for (i, l) in parts.lights.iter().enumerate() {
             lights.push(light(l, Owner::Light(i), &slots)?);
         }
-        let sensors: Vec<Sensor> = parts.sensors.iter().map(sensor).collect();
+        let sensors: Vec<Sensor> = parts.sensors.iter().enumerate().map(|(i, s)| sensor(s, Owner::Sensor(i), &slots)).collect();
         let films = parts.sensors.iter().map(|s| Film { part: s.film, spp: s.spp, seed: s.seed }).collect();
 
         let mut bounds = shapes.iter().fold(Bounds::EMPTY, |b, s: &Instance| b.union(&s.shape.bounds()));
@@ -137,7 +138,7 @@ fn slot_of(t: &SlotTable, owner: Owner, q: Quantity) -> u32 {
     t.blocks.iter().find(|b| b.owner == owner && b.quantity == q && b.len > 0).map_or(NO_SLOT, |b| b.first)
 }
 
-fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, warnings: &mut Vec<Warning>) -> Result<Instance> {
+fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut Vec<Warning>) -> Result<Instance> {
     let to_world = s.to_world.affine();
     let fail = |what: String| Error::scene(&s.span, what, "correct the shape or its to_world");
     let mesh = |m: std::result::Result<TriangleMesh, String>| -> Result<Shape> {
@@ -192,6 +193,7 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, warnings: &mut Vec<Warning>)
         interior: s.interior.map(|i| i as u32),
         exterior: s.exterior.map(|i| i as u32),
         light: s.light.map(|i| i as u32),
+        mover,
         face_normals: s.face_normals,
     })
 }
@@ -300,13 +302,16 @@ fn light(l: &super::parts::LightPart<f64>, owner: Owner, slots: &SlotTable) -> R
     Ok(Light { name: l.name.clone(), kind, value: Rgb(l.value), slot: slot_of(slots, owner, quantity), place })
 }
 
-fn sensor(s: &super::parts::SensorPart<f64>) -> Sensor {
+fn sensor(s: &super::parts::SensorPart<f64>, owner: Owner, slots: &SlotTable) -> Sensor {
+    let to_world = s.to_world.affine();
     Sensor {
+        mover: Mover { first: slot_of(slots, owner, Quantity::Shift), pivot: to_world.translation },
+        lens: slot_of(slots, owner, Quantity::Lens),
         projection: match s.tan_half {
             Some(tan_half) => Projection::Perspective { tan_half, offset: s.offset },
             None => Projection::Orthographic,
         },
-        to_world: s.to_world.affine(),
+        to_world,
         width: s.film.width,
         height: s.film.height,
         medium: s.medium.map(|m| m as u32),

@@ -253,6 +253,11 @@ impl Scene {
         Hit { t: t.max(0.0), p, n, ns, shape, face }
     }
 
+    /// A point p of a face as a hit at distance 0.
+    pub fn hit_at(&self, p: DVec3, shape: u32, face: u32) -> Hit {
+        self.hit(0.0, p, shape, face)
+    }
+
     /// Nearest surface of any kind. `medium` is the medium the ray travels in.
     pub fn intersect(&self, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Option<u32>) -> Option<Hit> {
         let null = self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium));

@@ -153,6 +153,7 @@ impl Scene {
                     emission: light.emission(Rgb::ONE),
                     pdf: d.pdf_solid_angle,
                     target: Some(shape),
+                    n: d.n,
                 });
             }
         }
@@ -167,7 +168,7 @@ impl Scene {
         }
         let pdf = q.pdf_area * r2 / cos;
         let emission = light.emission(Rgb::ONE);
-        Some(Arrival { w, distance: r, factor: 1.0 / pdf, emission, pdf, target: Some(shape) })
+        Some(Arrival { w, distance: r, factor: 1.0 / pdf, emission, pdf, target: Some(shape), n: q.n })
     }
 
     /// Density per solid angle at `from` of drawing the direction `w` that met `hit` on the area light `id`.

@@ -27,7 +27,7 @@ use crate::light::Light;
 use crate::math::DVec3;
 use crate::math::discrete::Discrete;
 use crate::medium::Medium;
-use crate::params::SlotTable;
+use crate::params::{Mover, SlotTable};
 use crate::sensor::Sensor;
 use crate::shape::{Bounds, Shape};
 use crate::surface::Surface;
@@ -42,6 +42,7 @@ pub struct Instance {
     pub interior: Option<u32>,
     pub exterior: Option<u32>,
     pub light: Option<u32>,
+    pub mover: Mover,
     /// Shade with the face's own normal even where the mesh has others.
     pub face_normals: bool,
 }

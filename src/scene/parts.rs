@@ -6,7 +6,7 @@
 use super::desc::{Env, Node, SceneDesc};
 use super::transform::Mat4;
 use crate::error::{Error, Result, Span};
-use crate::math::{DVec3, Real, V3};
+use crate::math::{DMat4, DVec3, Real, V3};
 use crate::params::{Owner, Quantity};
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -33,6 +33,39 @@ pub enum ShapeKind<R> {
     Rectangle,
     Cube,
     Disk,
+}
+
+impl<R: Real> ShapePart<R> {
+    /// The world point that its motion is told about.
+    pub fn pivot(&self) -> DVec3 {
+        match &self.kind {
+            ShapeKind::Sphere { center, .. } => self.to_world.affine().transform_point3(center.value()),
+            _ => self.to_world.affine().translation,
+        }
+    }
+
+    /// Displacement of the pivot and linear part of the map from where the shape is to where it goes: 0 and 1, with their tangents.
+    /// A sphere's turning is left out: it moves nothing.
+    fn motion(&self) -> (V3<R>, Vec<R>) {
+        let ShapeKind::Sphere { center, radius } = &self.kind else { return affine_motion(&self.to_world) };
+        let (x, y, z) = (self.to_world.column(0), self.to_world.column(1), self.to_world.column(2));
+        let volume = x.dot(y.cross(z));
+        let volume = if volume.value() < 0.0 { -volume } else { volume };
+        let growth = volume.powf(1.0 / 3.0) * *radius;
+        let growth = growth / growth.value();
+        let shift = self.to_world.point(*center) - V3::constant(self.pivot());
+        (shift, (0..9).map(|k| if k % 4 == 0 { growth } else { R::zero() }).collect())
+    }
+}
+
+/// The same for what has no matter of its own: `M(π) M⁻¹`.
+fn affine_motion<R: Real>(to_world: &Mat4<R>) -> (V3<R>, Vec<R>) {
+    let here = to_world.affine();
+    let inverse = DMat4::from(here.inverse());
+    let back = Mat4::<R>::from_fn(|i, j| R::from(inverse.col(j)[i]));
+    let map = *to_world * back;
+    let pivot = V3::constant(here.translation);
+    (map.point(pivot) - pivot, (0..9).map(|k| map.m[k / 3][k % 3]).collect())
 }
 
 pub enum SurfacePart<R> {
@@ -187,7 +220,7 @@ impl<R: Real> Parts<R> {
         }
     }
 
-    /// Every differentiable scalar in its one fixed order: media, surfaces, lights, their places.
+    /// Every differentiable scalar in its one fixed order: media, surfaces, lights, their places, shapes, sensors.
     pub fn slots(&self) -> Vec<SlotPart<R>> {
         let mut v = Vec::new();
         let mut add = |owner, name: &str, quantity, values: Vec<R>| {
@@ -224,6 +257,19 @@ impl<R: Real> Parts<R> {
             for (quantity, values) in l.kind.placement() {
                 add(Owner::Light(i), &l.name, quantity, values);
             }
+        }
+        let list = |v: V3<R>| vec![v.x, v.y, v.z];
+        for (i, s) in self.shapes.iter().enumerate() {
+            let (shift, deformation) = s.motion();
+            add(Owner::Shape(i), &s.name, Quantity::Shift, list(shift));
+            add(Owner::Shape(i), &s.name, Quantity::Deformation, deformation);
+        }
+        for (i, s) in self.sensors.iter().enumerate() {
+            let (shift, deformation) = affine_motion(&s.to_world);
+            add(Owner::Sensor(i), &s.name, Quantity::Shift, list(shift));
+            add(Owner::Sensor(i), &s.name, Quantity::Deformation, deformation);
+            let lens = s.tan_half.map(|t| vec![t, s.offset[0], s.offset[1]]);
+            add(Owner::Sensor(i), &s.name, Quantity::Lens, lens.unwrap_or_default());
         }
         v
     }

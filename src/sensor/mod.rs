@@ -1,6 +1,7 @@
 //! Sensors: film coordinates to camera rays. Film coordinates are pixels, x to the right, y down.
 
 use crate::math::{DAffine3, DVec3};
+use crate::params::{Covector, Mover, ParamSet, Partial, Sink, Slot};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
@@ -17,6 +18,9 @@ pub struct Sensor {
     pub width: usize,
     pub height: usize,
     pub medium: Option<u32>,
+    pub mover: Mover,
+    /// Slots of field of view and principal point, for a pinhole; `NO_SLOT` otherwise.
+    pub lens: Slot,
 }
 
 /// A world point as the film sees it.
@@ -68,6 +72,41 @@ impl Sensor {
         (distance > 0.0).then(|| Projected { film, o, w: d / distance, distance, pixels_per_area })
     }
 
+    /// Whether any parameter moves it.
+    pub fn moves(&self, params: &ParamSet) -> bool {
+        let active = |first: Slot, n| first != Slot::MAX && params.block_active(first, n);
+        active(self.mover.first, Mover::SLOTS) || active(self.lens, 3)
+    }
+
+    /// How `p`, at a fixed distance on a fixed film point's ray, moves with the lens: its velocity for each of the three slots.
+    fn by_lens(&self, p: DVec3) -> [DVec3; 3] {
+        let Projection::Perspective { tan_half, .. } = self.projection else { return [DVec3::ZERO; 3] };
+        let m = self.to_world.matrix3;
+        let local = m.inverse() * (p - self.to_world.translation);
+        let aspect = self.height as f64 / self.width as f64;
+        let step = 2.0 * tan_half * local.z;
+        [DVec3::new(local.x, local.y, 0.0) / tan_half, DVec3::X * step, DVec3::Y * (step * aspect)].map(|v| m * v)
+    }
+
+    /// `<c, v>`, v the velocity of the point p as part of its film point's ray [T] (9): with the camera, and as the lens turns the ray.
+    pub fn forms(&self, p: DVec3, c: DVec3) -> [Partial; 5] {
+        let [a, b, d, e] = self.mover.forms(p, c);
+        let v = self.by_lens(p).map(|v| c.dot(v));
+        // Parallel rays have no lens.
+        let (slot, len) = if self.lens == Slot::MAX { (0, 0) } else { (self.lens, 3) };
+        [a, b, d, e, Partial { slot, v: DVec3::from_array(v), len }]
+    }
+
+    /// The same per channel.
+    pub fn point(&self, p: DVec3, c: &Covector, sink: &mut impl Sink) {
+        self.mover.point(p, c, sink);
+        if self.lens != Slot::MAX {
+            for (k, v) in self.by_lens(p).into_iter().enumerate() {
+                sink.add(self.lens + k as Slot, c.dot(v));
+            }
+        }
+    }
+
     /// Origin and unit direction of the ray through the film point (`x`, `y`) in pixels.
     pub fn ray(&self, x: f64, y: f64) -> (DVec3, DVec3) {
         let (w, h) = (self.width as f64, self.height as f64);
@@ -97,7 +136,8 @@ mod tests {
             * DAffine3::from_rotation_y(0.7)
             * DAffine3::from_scale(DVec3::new(1.5, 0.8, 2.0));
         for projection in [Projection::Perspective { tan_half: 0.6, offset: [0.1, -0.2] }, Projection::Orthographic] {
-            let s = Sensor { projection, to_world: place, width: 40, height: 30, medium: None };
+            let mover = Mover { first: 0, pivot: place.translation };
+            let s = Sensor { projection, to_world: place, width: 40, height: 30, medium: None, mover, lens: Slot::MAX };
             let at = |x: f64, y: f64| {
                 let (o, w) = s.ray(x, y);
                 o + w * 2.5

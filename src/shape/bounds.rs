@@ -43,6 +43,12 @@ impl Bounds {
     }
 
     /// Half the diagonal.
+    /// Four points in general position on a box's scale.
+    pub fn probes(&self) -> [DVec3; 4] {
+        let (c, r) = if self.is_empty() { (DVec3::ZERO, 1.0) } else { (self.center(), self.radius().max(f64::MIN_POSITIVE)) };
+        [c, c + DVec3::X * r, c + DVec3::Y * r, c + DVec3::Z * r]
+    }
+
     pub fn radius(&self) -> f64 {
         if self.is_empty() { 0.0 } else { 0.5 * self.size().length() }
     }

@@ -5,11 +5,12 @@
 
 use super::sheet::{Partials, Ray, Reach};
 use super::sheet_samples::{self, Found};
-use super::{Context, LightMotion, Motion, Partial, Room, Sample};
+use super::{Context, LightMotion, Motion, Room, Sample};
 use crate::error::{Error, Result};
 use crate::light::{LightKind, Place};
 use crate::math::discrete::Discrete;
 use crate::math::rng::Rng;
+use crate::params::Partial;
 use crate::math::{DVec3, warp};
 use crate::scene::Scene;
 use crate::sensor::Sensor;
@@ -115,7 +116,7 @@ impl Cone {
         let (ud, wd) = (u.dot(axis), w.dot(axis));
         let q = [wd * wd - c2, 2.0 * (ud * wd - c2 * u.dot(w)), ud * ud - c2 * u.length_squared()];
         let front = self.cos >= 0.0;
-        super::outline::quadratic(q).map(|t| (t, u + w * t)).filter(|(_, y)| (y.dot(axis) > 0.0) == front).collect()
+        super::arcs::quadratic(q).map(|t| (t, u + w * t)).filter(|(_, y)| (y.dot(axis) > 0.0) == front).collect()
     }
 }
 
@@ -153,6 +154,6 @@ impl Room for HardProfile {
         let (s, c) = (TAU * u).sin_cos();
         let ray = cone.ray(cone.axis * cone.cos + (x * c + y * s) * cone.sin);
         let ray = Ray { across: ray.across * probability, ..ray };
-        sheet_samples::outward(cx, &self.reach, &ray, &[], |ray, rho| cone.motion(ray, rho), rng, emit);
+        sheet_samples::outward(cx, &self.reach, &ray, &[], |ray, rho, _| cone.motion(ray, rho), rng, emit);
     }
 }

@@ -1,16 +1,18 @@
 //! Shadows of moving zero-measure lights, in media and on what receives them: terms G and R of [T] section 3, [S] Eq. (2), (3).
 //!
-//! The shadow sheet of an outline moves with `v_n = -(λ-1) <n, ṗ>` (λ = ρ/ρ_e; distant light: `ρ <n, ḋ>`), every path vertex stays where it is. What the
+//! The shadow sheet of an outline point e moves with `v_n = <n, λė - (λ-1)ṗ>` (λ = ρ/ρ_e; distant light: `<n, ė + ρḋ>`) against vertices in media, which
+//! stay where they are, and with `<n, -ẏ>` more against a receiver's point y, which moves with its shape, or slides on its film point's ray. What the
 //! sheet adds is `-v_n` times the light's irradiance times what its points scatter into the picture: [T] (35) where a camera ray
 //! crosses it, [T] (36) from the outline outward, through any number of scatterings, receivers included.
 
 use super::outline::Outlines;
-use super::sheet::{Partials, Ray, Reach};
-use super::sheet_samples::{self, Found};
-use super::{Context, Motion, Partial, Room, Sample};
+use super::ends;
+use super::sheet::{Grazed, Partials, Ray, Reach};
+use super::sheet_samples::{self, At, Found};
+use super::{Context, Motion, Room, Sample};
 use crate::math::discrete::Discrete;
 use crate::math::rng::Rng;
-use crate::params::Slot;
+use crate::params::{Partial, Slot};
 use crate::scene::Scene;
 use crate::sensor::Sensor;
 
@@ -25,21 +27,29 @@ pub struct LightShadow {
 /// The shadows of one light.
 struct Shadow {
     outlines: Outlines,
-    /// Of the position, or of a distant light's direction.
-    slot: Slot,
+    /// Of the position, or of a distant light's direction, where the light itself moves.
+    slot: Option<Slot>,
+    /// Outlines or receivers move.
+    surfaces: bool,
 }
 
 impl LightShadow {
-    /// Silhouettes of every light that moves; `None` if no shadow does.
+    /// Silhouettes from every light whose shadows may move over something; `None` if there are none.
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<LightShadow> {
         let mut lights = Vec::new();
         for (i, (l, m)) in scene.lights.iter().zip(&motion.lights).enumerate() {
+            if !l.is_delta() {
+                continue;
+            }
             let slot = match l.center() {
-                Some(_) if m.position => l.place.position,
-                None if m.direction => l.place.direction,
-                _ => continue,
+                Some(_) if m.position => Some(l.place.position),
+                None if m.direction => Some(l.place.direction),
+                _ => None,
             };
-            lights.extend(Outlines::new(scene, i as u32).map(|outlines| Shadow { outlines, slot }));
+            // Where a receiver or the light moves, every outline counts.
+            let all = slot.is_some() || motion.surfaces();
+            let outlines = Outlines::of_light(scene, motion, i as u32, |shape| all || motion.moves(shape));
+            lights.extend(outlines.filter(|_| all).map(|outlines| Shadow { outlines, slot, surfaces: motion.surfaces() }));
         }
         let power = |s: &Shadow| scene.lights[s.outlines.light() as usize].value.max().max(f64::MIN_POSITIVE);
         let table = Discrete::new(lights.iter().map(power));
@@ -47,12 +57,27 @@ impl LightShadow {
     }
 }
 
-/// `-v_n` as a form on the light's slots.
-fn motion(ray: &Ray, rho: f64, slot: Slot) -> Partials {
-    let v = if ray.distant { ray.n * -rho } else { ray.n * (rho / ray.near - 1.0) };
-    let mut p = Partials::default();
-    p.push(Partial { slot, v, len: 3 });
-    p
+impl Shadow {
+    /// `-v_n`, less what the vertex itself does.
+    fn motion(&self, scene: &Scene, sensor: &Sensor, ray: &Ray, rho: f64, grazed: Grazed, at: At) -> Partials {
+        let mut p = Partials::default();
+        if let Some(slot) = self.slot {
+            let v = if ray.distant { ray.n * -rho } else { ray.n * (rho / ray.near - 1.0) };
+            p.push(Partial { slot, v, len: 3 });
+        }
+        if self.surfaces {
+            if let Some((shape, _)) = grazed.first() {
+                let lambda = if ray.distant { 1.0 } else { rho / ray.near };
+                p.extend(ends::material(scene, *shape, ray.at(ray.near), ray.n * -lambda));
+            }
+            match at {
+                At::Medium => {}
+                At::Surface(h) => p.extend(ends::material(scene, h.shape, h.p, ray.n)),
+                At::Seen(h, w) => ends::film_fixed(scene, sensor, h, w, ray.n, &mut p),
+            }
+        }
+        p
+    }
 }
 
 impl Room for LightShadow {
@@ -72,7 +97,8 @@ impl Room for LightShadow {
                 s.outlines.crossings(span.o, span.w, 0.0, span.t1, |c| {
                     let ray = Ray { across: c.ray.across * self.table.probability(i), ..c.ray };
                     let found = Found { spans, t: c.t, ray, rho: c.rho, grazed: c.grazed };
-                    sheet_samples::crossing(cx, &self.reach, &found, &motion(&ray, c.rho, s.slot), rng, emit);
+                    let partials = s.motion(cx.scene, cx.sensor, &ray, c.rho, c.grazed, At::Medium);
+                    sheet_samples::crossing(cx, &self.reach, &found, &partials, rng, emit);
                 });
             }
         }
@@ -81,8 +107,10 @@ impl Room for LightShadow {
     fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         let (k, probability, _) = self.table.sample(rng.uniform());
         let shadow = &self.lights[k];
-        let Some((ray, grazed)) = shadow.outlines.sample(rng.uniform()) else { return };
+        let Some((ray, grazed, _)) = shadow.outlines.sample(rng.uniform()) else { return };
         let ray = Ray { across: ray.across * probability, ..ray };
-        sheet_samples::outward(cx, &self.reach, &ray, grazed, |ray, rho| motion(ray, rho, shadow.slot), rng, emit);
+        let (scene, sensor) = (cx.scene, cx.sensor);
+        let motion = |ray: &Ray, rho: f64, at: At| shadow.motion(scene, sensor, ray, rho, grazed, at);
+        sheet_samples::outward(cx, &self.reach, &ray, grazed, motion, rng, emit);
     }
 }

@@ -5,12 +5,14 @@
 //! (a) the walk scatters at y and connects it to the camera, with a pole at the camera; (b) y is drawn on a random camera ray by the angle
 //! that it subtends at z, with a pole at z. The balance heuristic of both bounds both [T] (63).
 
+use super::ends::ByOrder;
 use super::sheet::Reach;
-use super::{Context, Partial, Sample};
+use super::{Context, Sample};
 use crate::light::{Arrival, Emission};
 use crate::math::equiangular::EquiAngular;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
+use crate::params::Partial;
 use crate::phase::one_minus_cos;
 use crate::scene::{Hit, On, Scene};
 use crate::sensor::Projected;
@@ -91,7 +93,7 @@ pub fn clear(
 ) -> Option<Rgb> {
     let emission = Emission { first: crate::medium::NO_SLOT, per_channel: true, unit: Rgb::ONE, value: Rgb::ONE };
     // A way that ends on a surface stops a rounding short of it.
-    let a = Arrival { w, distance, factor: 1.0, emission, pdf: 0.0, target: to_surface.then_some(0) };
+    let a = Arrival { w, distance, factor: 1.0, emission, pdf: 0.0, target: to_surface.then_some(0), n: DVec3::ZERO };
     let mut rec = NoRecord;
     let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
     let t = transmit::shadow(&mut walker, rng, medium, p, on, &a);
@@ -112,6 +114,8 @@ pub fn seen(cx: &mut Context, z: &Vertex, q: &Projected, rng: &mut Rng) -> Optio
 pub struct LightWalk<'a> {
     pub reach: &'a Reach,
     pub partials: &'a [Partial],
+    /// What starts the walk with weight 1, by the scatterings that it has behind it.
+    pub source: &'a ByOrder,
 }
 
 impl LightWalk<'_> {
@@ -133,8 +137,9 @@ impl LightWalk<'_> {
                 cx.tally.capped += 1;
                 break;
             }
-            if s.depth + 1 >= set.min_order {
-                self.through_a_camera_ray(cx, &z, s.beta / s.r.mean(), &mut s.rng, emit);
+            let shown = self.source.shown(set, s.depth + 1);
+            if !shown.is_zero() {
+                self.through_a_camera_ray(cx, &z, s.beta / s.r.mean() * shown, &mut s.rng, emit);
             }
             let (u, v) = (s.rng.uniform(), s.rng.uniform());
             let Some((w, f, density)) = z.sample(scene, u, v) else { break };
@@ -147,8 +152,8 @@ impl LightWalk<'_> {
             let Some((next, flight)) = fly(cx, &mut s) else { break };
             s.depth += 1;
             // Straight to the camera.
-            let counts = s.depth >= set.min_order;
-            if let Some(q) = cx.sensor.project(next.p).filter(|q| counts && cx.on_film(q.film)) {
+            let shown = self.source.shown(set, s.depth);
+            if let Some(q) = cx.sensor.project(next.p).filter(|q| !shown.is_zero() && cx.on_film(q.film)) {
                 let share = match flight {
                     Some(flight) => {
                         let a = density * flight / (next.p - from).length_squared();
@@ -161,7 +166,7 @@ impl LightWalk<'_> {
                 let seen = seen(cx, &next, &q, &mut stream);
                 s.rng = stream;
                 if let Some(f) = seen {
-                    self.emit(q.film, s.beta / s.r.mean() * f * share, emit);
+                    self.emit(q.film, s.beta / s.r.mean() * shown * f * share, emit);
                 }
             }
             z = next;

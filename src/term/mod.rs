@@ -5,28 +5,25 @@
 //! camera ray (its crossings with the sheet, exact), and from the sheet outward. Whoever adds the samples up weighs them by
 //! [`Sample::weigh`], the balance heuristic in film space.
 
+pub mod arcs;
+pub mod edge_set;
+pub mod ends;
 pub mod hard_profile;
 pub mod light_shadow;
 pub mod light_walk;
 pub mod outline;
+pub mod pixel_edge;
 pub mod sheet;
 pub mod sheet_samples;
+pub mod surface_edge;
 
 use crate::error::{Error, Result};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
-use crate::params::{ParamSet, Slot};
+use crate::params::{Mover, ParamSet, Partial, Slot};
 use crate::scene::{Scene, Settings};
 use crate::sensor::Sensor;
 use crate::transport::Tally;
-
-/// A linear form on up to three consecutive slots.
-#[derive(Clone, Copy, Debug)]
-pub struct Partial {
-    pub slot: Slot,
-    pub v: DVec3,
-    pub len: u32,
-}
 
 /// One sample of a boundary term.
 #[derive(Clone, Copy, Debug)]
@@ -56,6 +53,9 @@ impl Sample<'_> {
 pub struct Motion {
     /// One a light.
     pub lights: Vec<LightMotion>,
+    /// What moves alike has one number; what stands still none.
+    classes: Vec<Option<u32>>,
+    pub camera: bool,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -66,14 +66,54 @@ pub struct LightMotion {
 }
 
 impl Motion {
-    pub fn new(scene: &Scene, params: &ParamSet) -> Motion {
+    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Motion {
         let active = |slot: Slot, n| slot != Slot::MAX && params.block_active(slot, n);
         let motion = |l: &crate::light::Light| LightMotion {
             position: active(l.place.position, 3),
             direction: active(l.place.direction, 3),
             angles: active(l.place.angles, 2),
         };
-        Motion { lights: scene.lights.iter().map(motion).collect() }
+        let moves = |i: usize| params.block_active(scene.shapes[i].mover.first, Mover::SLOTS);
+        // Two fields of velocities are one if four points in general position move alike.
+        let probes = scene.bounds.probes();
+        let field = |i: usize| -> Vec<f64> {
+            let mover = &scene.shapes[i].mover;
+            let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+            let forms = probes.iter().flat_map(|&p| axes.map(|c| mover.forms(p, c)));
+            let tangent = |forms: [Partial; 4], k: usize| -> f64 {
+                forms.iter().flat_map(|f| (0..3).map(move |j| f.v[j] * params.tangents(f.slot + j as Slot)[k])).sum()
+            };
+            forms.flat_map(|f| (0..params.len()).map(move |k| tangent(f, k))).collect()
+        };
+        let alike = |a: &[f64], b: &[f64]| {
+            let size = a.iter().chain(b).fold(0.0f64, |m, x| m.max(x.abs()));
+            a.iter().zip(b).all(|(x, y)| (x - y).abs() <= 1e-9 * size)
+        };
+        let mut fields: Vec<Vec<f64>> = Vec::new();
+        let class = |i: usize| {
+            let f = moves(i).then(|| field(i))?;
+            let at = fields.iter().position(|g| alike(&f, g)).unwrap_or_else(|| {
+                fields.push(f);
+                fields.len() - 1
+            });
+            Some(at as u32)
+        };
+        let classes = (0..scene.shapes.len()).map(class).collect();
+        Motion { lights: scene.lights.iter().map(motion).collect(), classes, camera: sensor.moves(params) }
+    }
+
+    /// Shapes of one class move alike.
+    pub fn class(&self, shape: u32) -> u32 {
+        self.classes[shape as usize].unwrap_or(u32::MAX)
+    }
+
+    pub fn moves(&self, shape: u32) -> bool {
+        self.classes[shape as usize].is_some()
+    }
+
+    /// Whether a vertex on some surface moves: any shadow or silhouette may then pass over it.
+    pub fn surfaces(&self) -> bool {
+        self.camera || self.classes.iter().any(|c| c.is_some())
     }
 
     /// An error where more moves at once than the interior keeps apart, and where a light moves in a medium in the picture itself (`crop`: x0, y0, x1,
@@ -145,16 +185,22 @@ pub trait Room: Send + Sync {
 }
 
 /// Names of all rooms.
-pub const ROOMS: [&str; 2] = [light_shadow::NAME, hard_profile::NAME];
+pub const ROOMS: [&str; 4] = [light_shadow::NAME, hard_profile::NAME, pixel_edge::NAME, surface_edge::NAME];
 
 /// The rooms that have anything to do for this motion, of those that `wanted` names.
-pub fn rooms(scene: &Scene, sensor: &Sensor, motion: &Motion, wanted: impl Fn(&str) -> bool) -> Vec<Box<dyn Room>> {
+pub fn rooms(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion, wanted: impl Fn(&str) -> bool) -> Vec<Box<dyn Room>> {
     let mut v: Vec<Box<dyn Room>> = Vec::new();
     if wanted(light_shadow::NAME) {
         v.extend(light_shadow::LightShadow::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));
     }
     if wanted(hard_profile::NAME) {
         v.extend(hard_profile::HardProfile::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));
+    }
+    if wanted(pixel_edge::NAME) {
+        v.extend(pixel_edge::PixelEdge::prepare(scene, sensor, motion, margin).map(|r| Box::new(r) as Box<dyn Room>));
+    }
+    if wanted(surface_edge::NAME) {
+        v.extend(surface_edge::SurfaceEdge::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));
     }
     v
 }

@@ -1,30 +1,30 @@
 //! Outlines of what stands before a light: the curves whose shadows bound what it lights, and the rays that graze them.
 //!
 //! The light stands still during a run, so its silhouettes are found once, in one pass over the edges. Crossings of a straight
-//! line with the shadow sheets are looked for in a hierarchy over directions from the light: there an edge is an arc, a line is an
-//! arc too, and a sheet is crossed where arcs cross.
+//! line with the shadow sheets are looked for in a hierarchy ([`super::arcs`]). What a camera sees is bounded by outlines too: its own
+//! silhouettes, and creases between two faces that it sees both.
 
+use super::Motion;
+use super::arcs::Node;
+use super::edge_set::{EdgeSet, SharedEdge};
 use super::sheet::{Grazed, Ray};
 use crate::light::LightKind;
 use crate::math::discrete::Discrete;
 use crate::math::{DVec3, warp};
 use crate::scene::Scene;
-use crate::shape::edges::{Edge, edges};
-use crate::shape::{Bounds, Shape};
-use std::collections::HashMap;
+use crate::sensor::{Projection, Sensor};
+use crate::shape::{Geometry, Shape};
 use std::f64::consts::TAU;
 
 /// Relative size of a cross product below which an edge points at the light [T] section 9.
 const DEGENERATE: f64 = 1e-14;
 /// Share of the selection that ignores what the light's rays to the outline meet.
 const BLIND: f64 = 0.1;
-/// Ends of edges of different shapes within this share of the scene's radius are one.
-const WELD: f64 = 1e-9;
-/// Outlines in a leaf of the hierarchy.
-const LEAF: usize = 4;
+/// Sine of the angle between two faces up to which they are one plane.
+const FLAT: f64 = 1e-9;
 
 #[derive(Clone, Copy, Debug)]
-enum Curve {
+pub(super) enum Curve {
     /// From a to b; unit normal of its sheet toward the lit side.
     Edge { a: DVec3, b: DVec3, n: DVec3 },
     /// A sphere's circle of contact.
@@ -34,89 +34,133 @@ enum Curve {
 }
 
 #[derive(Clone, Debug)]
-struct Outline {
-    curve: Curve,
+pub(super) struct Outline {
+    pub curve: Curve,
     /// Shapes whose outline it is, of meshes with their faces there.
-    grazed: Vec<(u32, Vec<u32>)>,
+    pub grazed: Vec<(u32, Vec<u32>)>,
+    pub faces: Faces,
 }
 
-/// All outlines as one light sees them.
+/// Faces (shape, face) at an outline.
+#[derive(Clone, Debug, Default)]
+pub struct Faces {
+    /// On the side of the normal: a crease's other face, nothing for a silhouette.
+    pub lit: Vec<(u32, u32)>,
+    /// On the other side.
+    pub own: Vec<(u32, u32)>,
+}
+
+/// All outlines as one light or camera sees them.
 pub struct Outlines {
+    /// The light, for rays.
     light: u32,
-    /// The light, or the direction its light travels.
-    source: Source,
-    list: Vec<Outline>,
-    table: Discrete,
-    nodes: Vec<Node>,
+    pub(super) source: Source,
+    pub(super) list: Vec<Outline>,
+    pub(super) table: Discrete,
+    pub(super) nodes: Vec<Node>,
     /// Outlines in the order of the hierarchy's leaves; those that it does not hold at the end.
-    order: Vec<u32>,
+    pub(super) order: Vec<u32>,
     /// How many of `order` the hierarchy holds.
-    held: usize,
+    pub(super) held: usize,
 }
 
+/// Where outlines are seen from: a point, or all along one direction (of travel, for a light; of view, for a camera).
 #[derive(Clone, Copy, Debug)]
-enum Source {
+pub(super) enum Source {
     Point(DVec3),
     Distant(DVec3),
 }
 
-struct Node {
-    bounds: Bounds,
-    /// Leaf: first and count in `order`; inner: the second child, 0 (the first one follows).
-    a: u32,
-    count: u32,
-}
-
-/// A crossing of a line with a sheet.
-pub struct Crossing<'a> {
-    /// Abscissae of the line and of the sheet's ray.
-    pub t: f64,
-    pub ray: Ray,
-    pub rho: f64,
-    pub grazed: Grazed<'a>,
-}
-
 impl Outlines {
-    /// Silhouettes from the light `id`; `None` if nothing is there to cast a shadow.
-    pub fn new(scene: &Scene, id: u32) -> Option<Outlines> {
+    /// Silhouettes from the light `id`, of shapes that `keep` takes; `None` if nothing is there to cast a shadow.
+    pub fn of_light(scene: &Scene, motion: &Motion, id: u32, keep: impl Fn(u32) -> bool) -> Option<Outlines> {
         let source = match scene.lights[id as usize].kind {
             LightKind::Point { position } | LightKind::Spot { position, .. } => Source::Point(position),
             LightKind::Directional { direction } => Source::Distant(direction),
             _ => return None,
         };
+        let mut o = Outlines::new(scene, motion, source, keep, false);
+        o.light = id;
+        let seen = |e: DVec3, ray: &Ray, grazed: Grazed| {
+            let light = scene.arrival(id, e, 0.0, 0.0).map_or(0.0, |a| a.emission.unit.max());
+            if light > 0.0 && super::sheet_samples::is_lit(scene, ray, ray.near, grazed) { light } else { 0.0 }
+        };
+        o.weigh(seen);
+        (!o.list.is_empty()).then(|| {
+            o.build();
+            o
+        })
+    }
+
+    /// Silhouettes and creases as a camera sees them, on its film and `margin` pixels around it.
+    pub fn of_camera(
+        scene: &Scene,
+        motion: &Motion,
+        sensor: &Sensor,
+        margin: f64,
+        keep: impl Fn(u32) -> bool,
+    ) -> Option<Outlines> {
+        let source = match sensor.projection {
+            Projection::Perspective { .. } => Source::Point(sensor.to_world.translation),
+            Projection::Orthographic => Source::Distant(sensor.ray(0.0, 0.0).1),
+        };
+        let mut o = Outlines::new(scene, motion, source, keep, true);
+        let size = [sensor.width as f64, sensor.height as f64];
+        let seen = |e: DVec3, _: &Ray, grazed: Grazed| {
+            let Some(q) = sensor.project(e) else { return 0.0 };
+            let on_film = (0..2).all(|k| q.film[k] > -margin && q.film[k] < size[k] + margin);
+            f64::from(u8::from(on_film && !scene.blocked_past(q.o, q.w, q.distance, grazed)))
+        };
+        o.weigh(seen);
+        (!o.list.is_empty()).then_some(o)
+    }
+
+    fn new(scene: &Scene, motion: &Motion, source: Source, keep: impl Fn(u32) -> bool, creases: bool) -> Outlines {
         let mut list = Vec::new();
-        let mut edges = EdgeSet::default();
         for (i, s) in scene.shapes.iter().enumerate() {
-            if scene.surfaces[s.surface as usize].is_null() {
+            let id = i as u32;
+            if scene.surfaces[s.surface as usize].is_null() || !keep(id) {
                 continue;
             }
+            let faces = Faces { lit: Vec::new(), own: vec![(id, 0)] };
             match &s.shape {
-                Shape::Sphere(sphere) => source.sphere(sphere.center, sphere.radius, i as u32, &mut list),
+                Shape::Sphere(sphere) => source.sphere(sphere.center, sphere.radius, id, faces, &mut list),
                 Shape::Disk(d) => {
                     let c = d.placement.point(DVec3::ZERO);
                     let (x, y) = (d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y));
-                    list.push(Outline { curve: Curve::Rim { c, x, y }, grazed: vec![(i as u32, vec![0])] });
+                    list.push(Outline { curve: Curve::Rim { c, x, y }, grazed: vec![(id, vec![0])], faces });
                 }
-                flat => edges.add(flat, i as u32, scene.bounds.radius()),
+                _ => {}
             }
         }
-        edges.list.iter().for_each(|e| source.silhouette(e, &mut list));
-        if list.is_empty() {
-            return None;
+        for e in EdgeSet::new(scene, motion).list.iter().filter(|e| e.faces.iter().any(|f| keep(f.0))) {
+            source.edge(scene, e, creases, &mut list);
         }
-        let mut o = Outlines {
-            light: id,
+        Outlines {
+            light: u32::MAX,
             source,
             list,
             table: Discrete::default(),
             nodes: Vec::new(),
             order: Vec::new(),
             held: 0,
+        }
+    }
+
+    /// The angle (or length) of each as its source sees it, times how much of it is seen (0 to 1).
+    fn weigh(&mut self, seen: impl Fn(DVec3, &Ray, Grazed) -> f64) {
+        const PROBES: usize = 4;
+        let weight = |i: usize| {
+            let (mut size, mut share) = (0.0, 0.0);
+            for k in 0..PROBES {
+                let Some(ray) = self.ray(i, (k as f64 + 0.5) / PROBES as f64) else { continue };
+                size = 1.0 / ray.across;
+                share += seen(ray.at(ray.near), &ray, self.grazed(i)) / PROBES as f64;
+            }
+            size * (BLIND + (1.0 - BLIND) * share)
         };
-        let weights: Vec<f64> = (0..o.list.len()).map(|i| o.weight(scene, i)).collect();
-        o.table = Discrete::new(weights);
-        o.build();
-        Some(o)
+        let table = Discrete::new((0..self.list.len()).map(weight).collect::<Vec<_>>());
+        self.table = table;
     }
 
     pub fn light(&self) -> u32 {
@@ -131,40 +175,23 @@ impl Outlines {
         self.list.is_empty()
     }
 
-    fn grazed(&self, i: usize) -> Grazed<'_> {
+    pub(super) fn grazed(&self, i: usize) -> Grazed<'_> {
         &self.list[i].grazed
     }
 
-    /// Its angle (or length) as the light sees it, times how much of it the light reaches.
-    fn weight(&self, scene: &Scene, i: usize) -> f64 {
-        const PROBES: usize = 4;
-        let mut seen = 0.0;
-        let mut size = 0.0;
-        for k in 0..PROBES {
-            let Some(ray) = self.ray(i, (k as f64 + 0.5) / PROBES as f64) else { continue };
-            size = 1.0 / ray.across;
-            let e = ray.at(ray.near);
-            let light = scene.arrival(self.light, e, 0.0, 0.0).map_or(0.0, |a| a.emission.unit.max());
-            if light > 0.0 && super::sheet_samples::is_lit(scene, &ray, ray.near, self.grazed(i)) {
-                seen += light / PROBES as f64;
-            }
-        }
-        size * (BLIND + (1.0 - BLIND) * seen)
-    }
-
     /// A ray that grazes a random point of a random outline.
-    pub fn sample(&self, u: f64) -> Option<(Ray, Grazed<'_>)> {
+    pub fn sample(&self, u: f64) -> Option<(Ray, Grazed<'_>, &Faces)> {
         if self.table.total <= 0.0 {
             return None;
         }
         let (i, probability, v) = self.table.sample(u);
         let mut ray = self.ray(i, v)?;
         ray.across *= probability;
-        Some((ray, self.grazed(i)))
+        Some((ray, self.grazed(i), &self.list[i].faces))
     }
 
     /// The ray at the fraction `u` of an outline; `across` given the outline.
-    fn ray(&self, i: usize, u: f64) -> Option<Ray> {
+    pub(super) fn ray(&self, i: usize, u: f64) -> Option<Ray> {
         let light = self.light;
         match (self.list[i].curve, self.source) {
             (Curve::Edge { a, b, n }, Source::Point(p)) => {
@@ -271,286 +298,17 @@ impl Outlines {
         }
     }
 
-    /// Hand every crossing of `o + t w`, t in (t0, t1), with a shadow sheet to `f`. Rims have none: they are only drawn outward.
-    pub fn crossings<'a>(&'a self, o: DVec3, w: DVec3, t0: f64, t1: f64, mut f: impl FnMut(Crossing<'a>)) {
-        let arc = self.arc(o, w, t0, t1);
-        let mut stack = [0u32; 64];
-        let mut top = usize::from(!self.nodes.is_empty());
-        while top > 0 {
-            top -= 1;
-            let node = &self.nodes[stack[top] as usize];
-            if !arc.meets(&node.bounds) {
-                continue;
-            }
-            if node.count > 0 {
-                for &i in &self.order[node.a as usize..(node.a + node.count) as usize] {
-                    self.cross(i as usize, o, w, t0, t1, &mut f);
-                }
-            } else if top + 2 <= stack.len() {
-                let first = stack[top] + 1;
-                (stack[top], stack[top + 1]) = (first, node.a);
-                top += 2;
-            }
-        }
-        for &i in &self.order[self.held..] {
-            self.cross(i as usize, o, w, t0, t1, &mut f);
-        }
-    }
-
-    fn cross<'a>(&'a self, i: usize, o: DVec3, w: DVec3, t0: f64, t1: f64, f: &mut impl FnMut(Crossing<'a>)) {
-        let (light, probability) = (self.light, self.table.probability(i));
-        let mut found = |t: f64, ray: Ray, rho: f64| {
-            if t > t0 && t < t1 && rho > ray.near {
-                let ray = Ray { across: ray.across * probability, ..ray };
-                f(Crossing { t, ray, rho, grazed: self.grazed(i) });
-            }
-        };
-        match (self.list[i].curve, self.source) {
-            (Curve::Edge { a, b, n }, Source::Point(p)) => {
-                // [T] (32)
-                let t = n.dot(p - o) / n.dot(w);
-                let u = o + w * t - p;
-                let (a, b) = (a - p, b - p);
-                let m = a.cross(b);
-                let m2 = m.length_squared();
-                let (alpha, beta) = (m.dot(u.cross(b)) / m2, m.dot(a.cross(u)) / m2);
-                let lambda = alpha + beta;
-                if t.is_finite() && alpha >= 0.0 && beta >= 0.0 && lambda > 1.0 {
-                    let rho = u.length();
-                    let angle = m.length().atan2(a.dot(b));
-                    let (origin, w, near) = (p, u / rho, rho / lambda);
-                    found(
-                        t,
-                        Ray {
-                            light,
-                            origin,
-                            w,
-                            near,
-                            n,
-                            across: 1.0 / angle,
-                            distant: false,
-                            crossed: true,
-                            profile: false,
-                        },
-                        rho,
-                    );
-                }
-            }
-            (Curve::Edge { a, b, n }, Source::Distant(d)) => {
-                let t = n.dot(a - o) / n.dot(w);
-                let u = o + w * t - a;
-                let m = d.cross(b - a);
-                let s = m.dot(d.cross(u)) / m.length_squared();
-                if t.is_finite() && (0.0..=1.0).contains(&s) {
-                    let origin = a + (b - a) * s;
-                    let ray = Ray {
-                        light,
-                        origin,
-                        w: d,
-                        near: 0.0,
-                        n,
-                        across: 1.0 / m.length(),
-                        distant: true,
-                        crossed: true,
-                        profile: false,
-                    };
-                    found(t, ray, (u - (b - a) * s).dot(d));
-                }
-            }
-            (Curve::Sphere { c, r }, Source::Point(p)) => {
-                let axis = c - p;
-                let k = axis.length_squared() - r * r;
-                let (u0, wa) = (o - p, w.dot(axis));
-                let ua = u0.dot(axis);
-                let q = [wa * wa - k, 2.0 * (ua * wa - k * u0.dot(w)), ua * ua - k * u0.length_squared()];
-                for t in quadratic(q) {
-                    let u = u0 + w * t;
-                    let along = u.dot(axis);
-                    // The other nappe is no shadow.
-                    if along > 0.0 {
-                        let (rho, e) = (u.length(), p + u * (k / along));
-                        let across = axis.length() / (TAU * r);
-                        let (origin, w, n) = (p, u / rho, (e - c) / r);
-                        found(
-                            t,
-                            Ray {
-                                light,
-                                origin,
-                                w,
-                                near: k.sqrt(),
-                                n,
-                                across,
-                                distant: false,
-                                crossed: true,
-                                profile: false,
-                            },
-                            rho,
-                        );
-                    }
-                }
-            }
-            (Curve::Sphere { c, r }, Source::Distant(d)) => {
-                let flat = |v: DVec3| v - d * v.dot(d);
-                let (m0, mw) = (flat(o - c), flat(w));
-                let q = [mw.length_squared(), 2.0 * m0.dot(mw), m0.length_squared() - r * r];
-                for t in quadratic(q) {
-                    let n = (m0 + mw * t) / r;
-                    let ray = Ray {
-                        light,
-                        origin: c + n * r,
-                        w: d,
-                        near: 0.0,
-                        n,
-                        across: 1.0 / (TAU * r),
-                        distant: true,
-                        crossed: true,
-                        profile: false,
-                    };
-                    found(t, ray, (o + w * t - c).dot(d));
-                }
-            }
-            (Curve::Rim { .. }, _) => {}
-        }
-    }
-
-    /// A point as the light sees it: a unit direction, or its place across a distant light's direction.
-    fn view(&self, x: DVec3) -> DVec3 {
-        match self.source {
-            Source::Point(p) => (x - p).normalize(),
-            Source::Distant(d) => x - d * x.dot(d),
-        }
-    }
-
-    /// Bounds of an edge in the light's view; `None` where the hierarchy does not hold it.
-    fn bounds(&self, i: usize) -> Option<Bounds> {
-        let Curve::Edge { a, b, .. } = self.list[i].curve else { return None };
-        let (a, b) = (self.view(a), self.view(b));
-        Some(grow(Bounds::EMPTY.with_point(a).with_point(b), self.bulge(a, b)))
-    }
-
-    /// How far an arc may leave its chord.
-    fn bulge(&self, a: DVec3, b: DVec3) -> f64 {
-        match self.source {
-            Source::Point(_) => {
-                let chord = (a - b).length();
-                // 1 - cos of half the angle, and rounding.
-                1.0 - (1.0 - 0.25 * chord * chord).max(0.0).sqrt() + 1e-12
-            }
-            Source::Distant(_) => 1e-12 * a.abs().max(b.abs()).max_element(),
-        }
-    }
-
-    fn arc(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> Arc {
-        let a = o + w * t0;
-        match self.source {
-            Source::Point(p) => {
-                let u = self.view(a);
-                let v = if t1 == f64::INFINITY { w } else { self.view(o + w * t1) };
-                let opposite = u.dot(v) < 0.0;
-                // More than a right angle: no useful box.
-                let bounds = if opposite {
-                    Bounds::new(DVec3::splat(-2.0), DVec3::splat(2.0))
-                } else {
-                    grow(Bounds::EMPTY.with_point(u).with_point(v), self.bulge(u, v))
-                };
-                Arc { bounds, n: (a - p).cross(w), offset: 0.0 }
-            }
-            Source::Distant(d) => {
-                let (u, flat) = (self.view(a), w - d * w.dot(d));
-                let bounds = if t1 == f64::INFINITY {
-                    let far = |x: f64, s: f64| if s == 0.0 { x } else { f64::INFINITY * s };
-                    Bounds::EMPTY.with_point(u).with_point(DVec3::new(
-                        far(u.x, flat.x),
-                        far(u.y, flat.y),
-                        far(u.z, flat.z),
-                    ))
-                } else {
-                    Bounds::EMPTY.with_point(u).with_point(self.view(o + w * t1))
-                };
-                let n = d.cross(flat);
-                Arc { bounds: grow(bounds, 1e-12 * u.abs().max_element()), n, offset: n.dot(u) }
-            }
-        }
-    }
-
-    fn build(&mut self) {
-        let boxes: Vec<Option<Bounds>> = (0..self.list.len()).map(|i| self.bounds(i)).collect();
-        let mut inside: Vec<(u32, Bounds)> =
-            boxes.iter().enumerate().filter_map(|(i, b)| b.map(|b| (i as u32, b))).collect();
-        self.order = Vec::with_capacity(self.list.len());
-        if !inside.is_empty() {
-            build(&mut self.nodes, &mut self.order, &mut inside);
-        }
-        self.held = self.order.len();
-        self.order.extend((0..self.list.len() as u32).filter(|&i| boxes[i as usize].is_none()));
-    }
-}
-
-/// Split at the median of the longest axis.
-fn build(nodes: &mut Vec<Node>, order: &mut Vec<u32>, items: &mut [(u32, Bounds)]) {
-    let bounds = items.iter().fold(Bounds::EMPTY, |b, i| b.union(&i.1));
-    let me = nodes.len();
-    nodes.push(Node { bounds, a: order.len() as u32, count: items.len() as u32 });
-    if items.len() <= LEAF {
-        order.extend(items.iter().map(|i| i.0));
-        return;
-    }
-    let size = items.iter().fold(Bounds::EMPTY, |b, i| b.with_point(i.1.center())).size();
-    let axis = if size.x >= size.y && size.x >= size.z {
-        0
-    } else if size.y >= size.z {
-        1
-    } else {
-        2
-    };
-    let middle = items.len() / 2;
-    items.select_nth_unstable_by(middle, |x, y| x.1.center()[axis].total_cmp(&y.1.center()[axis]));
-    let (left, right) = items.split_at_mut(middle);
-    build(nodes, order, left);
-    let second = nodes.len() as u32;
-    build(nodes, order, right);
-    (nodes[me].a, nodes[me].count) = (second, 0);
-}
-
-fn grow(b: Bounds, by: f64) -> Bounds {
-    Bounds::new(b.min - by, b.max + by)
-}
-
-/// A line in the light's view: its box, and the plane that it lies in.
-struct Arc {
-    bounds: Bounds,
-    n: DVec3,
-    offset: f64,
-}
-
-impl Arc {
-    fn meets(&self, b: &Bounds) -> bool {
-        if self.bounds.min.cmpgt(b.max).any() || self.bounds.max.cmplt(b.min).any() {
-            return false;
-        }
-        let (center, half) = (b.center(), b.size() * 0.5);
-        let reach = self.n.abs().dot(half);
-        (self.n.dot(center) - self.offset).abs() <= reach * (1.0 + 1e-12) + 1e-14 * self.n.length()
-    }
-}
-
-/// Real roots of `q0 t^2 + q1 t + q2`, without cancellation [T] 5.2.
-pub(super) fn quadratic([a, b, c]: [f64; 3]) -> impl Iterator<Item = f64> {
-    let disc = b * b - 4.0 * a * c;
-    let q = -0.5 * (b + disc.max(0.0).sqrt().copysign(b));
-    let roots = if disc > 0.0 { [q / a, c / q] } else { [f64::NAN; 2] };
-    roots.into_iter().filter(|t| t.is_finite())
 }
 
 impl Source {
-    fn sphere(&self, c: DVec3, r: f64, shape: u32, list: &mut Vec<Outline>) {
+    fn sphere(&self, c: DVec3, r: f64, shape: u32, faces: Faces, list: &mut Vec<Outline>) {
         // From inside there is no silhouette.
         if !matches!(self, Source::Point(p) if (c - *p).length() <= r) {
-            list.push(Outline { curve: Curve::Sphere { c, r }, grazed: vec![(shape, Vec::new())] });
+            list.push(Outline { curve: Curve::Sphere { c, r }, grazed: vec![(shape, Vec::new())], faces });
         }
     }
 
-    fn silhouette(&self, e: &SharedEdge, list: &mut Vec<Outline>) {
+    fn edge(&self, scene: &Scene, e: &SharedEdge, creases: bool, list: &mut Vec<Outline>) {
         let (normal, scale) = match self {
             Source::Point(p) => {
                 let (a, b) = (e.edge.a - *p, e.edge.b - *p);
@@ -563,41 +321,51 @@ impl Source {
             return;
         }
         let side = e.edge.covered_side(normal);
+        let n = normal / length;
+        let (a, b) = (e.edge.a, e.edge.b);
         if side != 0.0 {
-            let curve = Curve::Edge { a: e.edge.a, b: e.edge.b, n: normal * (-side / length) };
-            list.push(Outline { curve, grazed: e.faces.clone() });
+            let faces = if creases {
+                Faces { lit: Vec::new(), own: e.sides().map(|s| (s.0, s.1)).collect() }
+            } else {
+                Faces::default()
+            };
+            list.push(Outline { curve: Curve::Edge { a, b, n: n * -side }, grazed: e.faces.clone(), faces });
+        } else if creases && self.is_crease(scene, e) {
+            let on = |lit: bool| e.sides().filter(|s| (n.dot(s.2 - a) > 0.0) == lit).map(|s| (s.0, s.1)).collect();
+            let faces = Faces { lit: on(true), own: on(false) };
+            list.push(Outline { curve: Curve::Edge { a, b, n }, grazed: e.faces.clone(), faces });
         }
     }
-}
 
-/// An edge with the faces of all shapes that share it.
-struct SharedEdge {
-    edge: Edge,
-    faces: Vec<(u32, Vec<u32>)>,
-}
-
-/// Edges of all flat shapes: those whose ends coincide are one, whichever shapes they belong to (a box of rectangles).
-#[derive(Default)]
-struct EdgeSet {
-    list: Vec<SharedEdge>,
-    by_ends: HashMap<[[i64; 3]; 2], usize>,
-}
-
-impl EdgeSet {
-    fn add(&mut self, shape: &Shape, id: u32, size: f64) {
-        let cell = size.max(f64::MIN_POSITIVE) * WELD;
-        let key = |p: DVec3| (p / cell).round().to_array().map(|x| x as i64);
-        for e in edges(shape) {
-            let (a, b) = (key(e.a), key(e.b));
-            let at = *self.by_ends.entry(if a < b { [a, b] } else { [b, a] }).or_insert(self.list.len());
-            let faces = e.sides.iter().map(|s| s.face).collect();
-            match self.list.get_mut(at) {
-                Some(shared) => {
-                    shared.edge.sides.extend(e.sides);
-                    shared.faces.push((id, faces));
-                }
-                None => self.list.push(SharedEdge { edge: e, faces: vec![(id, faces)] }),
+    /// Whether what leaves the two sides of an edge that is no silhouette may differ: faces of another slope, or of another surface.
+    fn is_crease(&self, scene: &Scene, e: &SharedEdge) -> bool {
+        let middle = 0.5 * (e.edge.a + e.edge.b);
+        let view = match self {
+            Source::Point(p) => middle - *p,
+            Source::Distant(d) => *d,
+        };
+        let of = |id: u32| &scene.shapes[id as usize];
+        let smooth = |id: u32| matches!(&of(id).shape, Shape::Mesh(m) if m.normals.is_some() && !of(id).face_normals);
+        // A cube's rays leave out the whole of it: what it hides itself is told here.
+        let hidden = |id: u32, n: DVec3| match &of(id).shape {
+            Shape::Cube(c) => {
+                let outward = n * n.dot(middle - c.placement.to_world.translation).signum();
+                let within = |p: DVec3| c.placement.local_point(p).abs().max_element() < 1.0;
+                let inside = matches!(self, Source::Point(p) if within(*p));
+                (outward.dot(view) < 0.0) == inside
             }
-        }
+            _ => false,
+        };
+        let seen: Vec<(u32, DVec3)> = e
+            .sides()
+            .map(|(id, face, _)| (id, of(id).shape.normal(face, middle)))
+            .filter(|&(id, n)| !hidden(id, n))
+            .collect();
+        seen.iter().enumerate().any(|(k, &(i, n))| {
+            seen[..k].iter().any(|&(j, m)| {
+                let other = of(i).surface != of(j).surface || of(i).light != of(j).light;
+                other || (!(i == j && smooth(i)) && n.cross(m).length() > FLAT)
+            })
+        })
     }
 }

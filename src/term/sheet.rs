@@ -5,10 +5,10 @@
 //! across) [T] (36), (62). Moving with normal velocity v_n (n toward the lit side) it adds `-v_n E f_p σ_s` to what its points
 //! scatter, E being the irradiance across the ray on its lit side.
 
-use super::Partial;
 use crate::math::DVec3;
 use crate::math::equiangular::EquiAngular;
 use crate::medium::Volume;
+use crate::params::Partial;
 use crate::scene::Scene;
 use crate::sensor::{Projection, Sensor};
 use crate::shape::{Bounds, Geometry};
@@ -147,16 +147,19 @@ fn media_box(scene: &Scene) -> Option<Bounds> {
     Some(all)
 }
 
-/// A list of at most four partials; no sheet depends on more.
+/// Partials that one sample may have: three shapes and a camera, and a light.
+const LIST: usize = 20;
+
+/// A short list of partials.
 #[derive(Clone, Copy, Debug)]
 pub struct Partials {
-    list: [Partial; 4],
+    list: [Partial; LIST],
     len: usize,
 }
 
 impl Default for Partials {
     fn default() -> Self {
-        Partials { list: [Partial { slot: 0, v: DVec3::ZERO, len: 0 }; 4], len: 0 }
+        Partials { list: [Partial { slot: 0, v: DVec3::ZERO, len: 0 }; LIST], len: 0 }
     }
 }
 
@@ -164,6 +167,10 @@ impl Partials {
     pub fn push(&mut self, p: Partial) {
         self.list[self.len] = p;
         self.len += 1;
+    }
+
+    pub fn extend(&mut self, forms: impl IntoIterator<Item = Partial>) {
+        forms.into_iter().for_each(|p| self.push(p));
     }
 
     pub fn as_slice(&self) -> &[Partial] {

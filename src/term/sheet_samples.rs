@@ -1,5 +1,6 @@
 //! Samples of a sheet by its two techniques: where a camera ray crosses it, and from its source outward.
 
+use super::ends::ByOrder;
 use super::light_walk::{LightWalk, Vertex, seen};
 use super::sheet::{Grazed, Partials, Ray, Reach};
 use super::{Context, Sample};
@@ -114,6 +115,16 @@ pub fn crossing(
     });
 }
 
+/// Which point of a sheet's ray asks for its motion.
+#[derive(Clone, Copy)]
+pub enum At<'a> {
+    Medium,
+    /// A receiver as a vertex of a path.
+    Surface(&'a Hit),
+    /// The same, seen by the camera along this direction.
+    Seen(&'a Hit, DVec3),
+}
+
 /// A point of the sheet's ray in a medium, and the surface at its end: straight to the camera, and one of them by way of further
 /// scatterings [T] (36). `motion` gives -v_n.
 pub fn outward(
@@ -121,7 +132,7 @@ pub fn outward(
     reach: &Reach,
     ray: &Ray,
     grazed: Grazed,
-    motion: impl Fn(&Ray, f64) -> Partials,
+    motion: impl Fn(&Ray, f64, At) -> Partials,
     rng: &mut Rng,
     emit: &mut dyn FnMut(&Sample),
 ) {
@@ -146,7 +157,7 @@ pub fn outward(
             if let Some(q) = cx.sensor.project(y).filter(|q| within && cx.on_film(q.film)) {
                 if let Some(f) = seen(cx, &z, &q, rng) {
                     let film_per_sheet = if ray.crossed { q.pixels_per_area * ray.n.dot(q.w).abs() } else { 0.0 };
-                    let partials = motion(ray, rho);
+                    let partials = motion(ray, rho, At::Medium);
                     let partials = partials.as_slice();
                     emit(&Sample { film: q.film, flux: flux * f, partials, film_per_sheet, outward: density });
                 }
@@ -162,7 +173,7 @@ pub fn outward(
             let weight = e * (ray.spread(h.t) / ray.across);
             if let Some(q) = cx.sensor.project(h.p).filter(|q| within && cx.on_film(q.film)) {
                 if let Some(f) = seen(cx, &z, &q, rng) {
-                    let partials = motion(ray, h.t);
+                    let partials = motion(ray, h.t, At::Seen(&h, q.w));
                     let partials = partials.as_slice();
                     emit(&Sample { film: q.film, flux: weight * f, partials, film_per_sheet: 0.0, outward: 1.0 });
                 }
@@ -180,8 +191,10 @@ pub fn outward(
     }
     let k = usize::from(rng.uniform() * total >= size[0]);
     if let Some((z, weight, rho)) = starts[k] {
-        let partials = motion(ray, rho);
-        let walk = LightWalk { reach, partials: partials.as_slice() };
+        let partials = motion(ray, rho, z.hit.as_ref().map_or(At::Medium, At::Surface));
+        // Nothing scattered it yet.
+        let source = ByOrder(vec![Rgb::ONE]);
+        let walk = LightWalk { reach, partials: partials.as_slice(), source: &source };
         walk.run(cx, z, weight * (total / size[k]), rng, emit);
     }
 }

@@ -17,7 +17,7 @@ use crate::light::{Arrival, LightKind, spot_falloff};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, gradient};
 use crate::medium::{Medium, NO_SLOT, Volume};
-use crate::params::{ParamSet, Sink, Slot};
+use crate::params::{Covector, ParamSet, Sink, Slot};
 use crate::phase::one_minus_cos;
 use crate::scene::{On, Scene};
 
@@ -51,22 +51,6 @@ pub struct Aim {
 impl Aim {
     pub fn new(light: u32, y: DVec3, medium: Option<u32>, on: On, a: &Arrival, turn: Turn, rng: Rng) -> Self {
         Aim { light, y, medium, on, w: a.w, distance: a.distance, turn, model: false, rng }
-    }
-}
-
-/// A linear form on a vector, per colour channel.
-#[derive(Clone, Copy, Debug, Default)]
-struct Covector([Rgb; 3]);
-
-impl Covector {
-    fn add(&mut self, v: DVec3, weight: Rgb) {
-        for (x, v) in self.0.iter_mut().zip(v.to_array()) {
-            *x += weight * v;
-        }
-    }
-
-    fn dot(&self, v: DVec3) -> Rgb {
-        self.0[0] * v.x + self.0[1] * v.y + self.0[2] * v.z
     }
 }
 

@@ -6,7 +6,7 @@
 //! survival probability of a sampled direction.
 
 use super::aim::{Aim, Turn};
-use super::record::{Event, MediumSpan, Recorder};
+use super::record::{End, Event, MediumSpan, Recorder};
 use super::transmit;
 use super::walk::{Flight, State, Walker};
 use super::{beside, light_centred};
@@ -66,7 +66,8 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
     let weight = s.beta / s.r.mean() * (f * a.factor / probability * share);
     let aim = beside::follows(w, light, s.left, s.o, s.flight.reach.map(|r| r.0))
         .then(|| Aim::new(light, s.o, Some(id), On::default(), &a, Turn::Phase(id, s.w), s.aside));
-    finish(w, s, &a, &On::default(), weight, probability, f, Some((id, m)), aim);
+    let end = End::of(light, s.o, &a);
+    finish(w, s, &a, end, &On::default(), weight, probability, f, Some((id, m)), aim);
 }
 
 /// Next-event estimation from a surface at `s.o`, reflectance already in `s.beta`.
@@ -84,7 +85,8 @@ pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Sur
     let on = s.on;
     let aim = beside::follows(w, light, s.left, s.o, None)
         .then(|| Aim::new(light, s.o, s.medium, on, &a, Turn::Cosine(n), s.aside));
-    finish(w, s, &a, &on, weight, probability, f, None, aim);
+    let end = End::of(light, s.o, &a);
+    finish(w, s, &a, end, &on, weight, probability, f, None, aim);
 }
 
 /// The extra connection of a medium span: a point drawn by the angle it subtends at a light with a position,
@@ -136,7 +138,8 @@ pub fn equiangular<R: Recorder>(
     let Some((t, _)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
     let aim = beside::follows(w, light, s.left, p, reach.map(|r| r.0))
         .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));
-    score(w, &a, weight * t, depth + 1, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)), aim);
+    let end = End::of(light, p, &a);
+    score(w, &a, end, weight * t, depth + 1, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)), aim);
 }
 
 /// Weight against direction sampling, trace the shadow ray, score.
@@ -144,6 +147,7 @@ fn finish<R: Recorder>(
     w: &mut Walker<R>,
     s: &mut State,
     a: &Arrival,
+    end: End,
     on: &On,
     weight: Rgb,
     probability: f64,
@@ -159,13 +163,14 @@ fn finish<R: Recorder>(
         let light = probability * a.pdf;
         weight *= light / (light + p_direction * survival(tau));
     }
-    score(w, a, weight, s.depth, first, [phase, None], None, aim);
+    score(w, a, end, weight, s.depth, first, [phase, None], None, aim);
 }
 
 /// `order`: scatterings of the path.
 pub(super) fn score<R: Recorder>(
     w: &mut Walker<R>,
     a: &Arrival,
+    end: End,
     weight: Rgb,
     order: u32,
     first_span: u32,
@@ -179,9 +184,10 @@ pub(super) fn score<R: Recorder>(
     let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);
     let value = weight * sigma_s * a.emission.color();
     w.value += value;
+    w.rec.score(order, value);
     if R::ON {
         let spans = w.rec.side_len() - first_span;
-        w.rec.push(Event::Connect { weight, emission: a.emission, first_span, spans, phase, scatter });
+        w.rec.push(Event::Connect { weight, emission: a.emission, end, first_span, spans, phase, scatter });
         if let Some(aim) = aim {
             w.rec.push(Event::Aim { aim, value });
         }

@@ -6,7 +6,7 @@
 //! `p(y) = 2R / (π (R² + r²)) / (4π r²)` with R = ‖x-p‖, cancels the pole at the light; the balance heuristic of the three bounds all [T] (61), (63).
 
 use super::aim::{Aim, Turn};
-use super::record::{MediumSpan, Recorder};
+use super::record::{End, MediumSpan, Recorder};
 use super::walk::{State, Walker};
 use super::{beside, connect};
 use super::{tracking, transmit};
@@ -164,5 +164,6 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         let turn = Turn::Phase(span.medium, sight.direction);
         Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside)
     });
-    connect::score(w, &a, weight * shadow, s.depth + 1, first, phases, Some((span.medium, y, sigma_s)), aim);
+    let end = End::of(light, y, &a);
+    connect::score(w, &a, end, weight * shadow, s.depth + 1, first, phases, Some((span.medium, y, sigma_s)), aim);
 }

@@ -5,6 +5,7 @@ pub mod beside;
 pub mod camera_line;
 pub mod connect;
 pub mod light_centred;
+pub mod motion;
 pub mod record;
 pub mod sweep;
 pub mod tracking;

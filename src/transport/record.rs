@@ -6,7 +6,7 @@
 use super::aim::Aim;
 use super::sweep::Candidates;
 use super::walk::{Flight, State};
-use crate::light::Emission;
+use crate::light::{Arrival, Emission};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::params::Slot;
@@ -41,6 +41,28 @@ pub struct Prefix {
     pub reach: Option<(DVec3, f64)>,
 }
 
+/// What a path ends on, as far as motion asks.
+#[derive(Clone, Copy, Debug)]
+pub enum End {
+    /// A point of a shape, its geometric normal.
+    Shape { shape: u32, p: DVec3, n: DVec3 },
+    /// A light with a position and no extent; its own motion is [`Event::Aim`]'s.
+    Point(u32),
+    /// Nothing: this direction, unit, toward the light.
+    Infinity(DVec3),
+}
+
+impl End {
+    /// Of a connection from `o` to `light`.
+    pub fn of(light: u32, o: DVec3, a: &Arrival) -> End {
+        match a.target {
+            Some(shape) => End::Shape { shape, p: o + a.w * a.distance, n: a.n },
+            None if a.distance < f64::INFINITY => End::Point(light),
+            None => End::Infinity(a.w),
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 pub enum Event {
     /// A new chain begins: what follows does not depend on what came before.
@@ -56,7 +78,7 @@ pub enum Event {
     /// A reflection: factor rho. `prefix.beta/r` before it, for the candidate at small rho.
     Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
     /// Light met by the walk: `weight x emission` was added.
-    Emit { weight: Rgb, emission: Emission },
+    Emit { weight: Rgb, emission: Emission, end: End },
     /// Emission of the medium at a point of a span: `weight x sigma_a x L_e` was added, `emission` is L_e; own spans.
     Glow { weight: Rgb, emission: Emission, medium: u32, p: DVec3, sigma_a: Rgb, first_span: u32, spans: u32 },
     /// A connection to a light: `weight x emission` was added; own spans, own phase, and for a point that the
@@ -64,6 +86,7 @@ pub enum Event {
     Connect {
         weight: Rgb,
         emission: Emission,
+        end: End,
         first_span: u32,
         spans: u32,
         phase: [Option<(u32, f64)>; 2],
@@ -92,6 +115,8 @@ pub trait Recorder {
     fn follows(&self, _light: u32) -> Option<u64> {
         None
     }
+    /// `value` was added to the path's, after `order` scatterings.
+    fn score(&mut self, _order: u32, _value: Rgb) {}
     /// Nothing more is wanted of this walk.
     fn is_over(&self, _state: &State) -> bool {
         false

@@ -14,6 +14,7 @@
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
+use super::motion::{Chain, Moving};
 use super::walk::{Flight, Stage, State, Tally, Walker};
 use super::{aim, camera_line};
 use crate::light::Emission;
@@ -22,6 +23,7 @@ use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
 use crate::params::{ParamSet, Sink, Slot};
 use crate::scene::{Hit, On, Scene, Settings};
+use crate::sensor::Sensor;
 use crate::surface::Surface;
 use std::sync::Arc;
 
@@ -56,6 +58,7 @@ pub struct SweepFacts {
     /// A bit for each light that moves ([`State::left`]), 0 for the others.
     lights: Vec<u64>,
     any_source: bool,
+    moving: Moving,
 }
 
 #[derive(Clone, Debug)]
@@ -69,7 +72,7 @@ struct MediumFacts {
 }
 
 impl SweepFacts {
-    pub fn new(scene: &Scene, params: &ParamSet) -> Self {
+    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Self {
         let media: Vec<MediumFacts> = scene
             .media
             .iter()
@@ -96,7 +99,8 @@ impl SweepFacts {
             1u64.checked_shl(moving - 1).unwrap_or(0)
         };
         let lights = scene.lights.iter().map(bit).collect();
-        SweepFacts { media, surfaces, lights, any_source }
+        let moving = Moving::new(scene, sensor, params);
+        SweepFacts { media, surfaces, lights, any_source, moving }
     }
 }
 
@@ -186,6 +190,8 @@ pub struct Sweep<'a> {
     pub set: &'a Settings,
     pub params: &'a ParamSet,
     pub facts: Arc<SweepFacts>,
+    /// Whose rays the paths start with.
+    pub sensor: &'a Sensor,
 }
 
 impl Sweep<'_> {
@@ -213,7 +219,8 @@ impl Sweep<'_> {
         candidates.scan(&rec.events);
 
         // Backward: the last chunk is at hand, earlier ones are walked again.
-        let mut after = self.backward(rec, Rgb::ZERO, sink);
+        let mut chain = Chain::default();
+        let mut after = self.backward(rec, Rgb::ZERO, &mut chain, sink);
         let starts = std::mem::take(&mut rec.chunk_starts);
         for k in (0..starts.len()).rev() {
             rec.begin(None);
@@ -224,27 +231,40 @@ impl Sweep<'_> {
             } else {
                 w.run(starts[k - 1].clone());
             }
-            after = self.backward(rec, after, sink);
+            after = self.backward(rec, after, &mut chain, sink);
         }
         rec.chunk_starts = starts;
         self.derivative_vertex(candidates, sink, tally);
         value
     }
 
-    fn backward(&self, rec: &PathRecord, mut after: Rgb, sink: &mut impl Sink) -> Rgb {
+    fn backward(&self, rec: &PathRecord, mut after: Rgb, chain: &mut Chain, sink: &mut impl Sink) -> Rgb {
+        let moving = &self.facts.moving;
         for e in rec.events.iter().rev() {
             match e {
-                Event::Chain => after = Rgb::ZERO,
+                Event::Chain => {
+                    after = Rgb::ZERO;
+                    chain.clear();
+                }
                 Event::Candidate { .. } => {}
                 Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
                 Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
                 Event::Span { span, .. } => self.transmittance(span, after, sink),
                 Event::Turn { medium, one_minus_mu } => self.phase(*medium, *one_minus_mu, after, sink),
                 Event::Scatter { medium, p } => self.source_score(*medium, *p, after, sink),
-                Event::Surface { surface, .. } => self.reflectance_score(*surface, after, sink),
-                Event::Emit { weight, emission } => {
+                Event::Surface { surface, hit, wi, prefix, .. } => {
+                    self.reflectance_score(*surface, after, sink);
+                    if moving.any() {
+                        chain.vertex(self.scene, self.sensor, moving, hit, *wi, prefix.depth == 0, sink);
+                    }
+                }
+                Event::Emit { weight, emission, end } => {
                     self.emission(*weight, emission, sink);
-                    after += *weight * emission.color();
+                    let value = *weight * emission.color();
+                    if moving.any() {
+                        chain.arrive(*end, value);
+                    }
+                    after += value;
                 }
                 Event::Glow { weight, emission, medium, p, sigma_a, first_span, spans } => {
                     self.emission(*weight * *sigma_a, emission, sink);
@@ -260,12 +280,15 @@ impl Sweep<'_> {
                     }
                     after += value;
                 }
-                Event::Connect { weight, emission, first_span, spans, phase, scatter } => {
+                Event::Connect { weight, emission, end, first_span, spans, phase, scatter } => {
                     let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);
                     self.emission(*weight * sigma_s, emission, sink);
                     let value = *weight * sigma_s * emission.color();
                     for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
                         self.transmittance(span, value, sink);
+                    }
+                    if moving.any() {
+                        chain.connect(*end, value);
                     }
                     for (medium, m) in phase.iter().flatten() {
                         self.phase(*medium, *m, value, sink);

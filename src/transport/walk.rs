@@ -8,7 +8,7 @@
 //! Techniques for one light path (direction or light sampling, free flight or equi-angular) are weighted by functions of
 //! the geometry alone, so the weights sum to one whatever the tracking inside them did.
 
-use super::record::{Event, MediumSpan, Prefix, Recorder};
+use super::record::{End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use super::{beside, connect, light_centred};
 use crate::math::rng::Rng;
@@ -289,7 +289,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let light = &self.scene.lights[id as usize];
         let Some((emission, pdf)) = light.escape(s.w) else { return };
         let p = s.to_environment * pdf;
-        self.emit(s, emission, p);
+        self.emit(s, emission, p, End::Infinity(s.w));
     }
 
     /// Score the emission of the medium at abscissa `t` of a span, with the weight of that point, after `order` scatterings.
@@ -304,7 +304,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
             if medium.slots.emission == NO_SLOT { (NO_SLOT, color) } else { (medium.slots.emission, Rgb::ONE) };
         let value = if first == NO_SLOT { Rgb::ONE } else { color };
         let emission = crate::light::Emission { first, per_channel: true, unit, value };
-        self.value += weight * sigma_a * emission.color();
+        let value = weight * sigma_a * emission.color();
+        self.value += value;
+        self.rec.score(order, value);
         if R::ON {
             let first_span = self.rec.side_len();
             lead.iter().for_each(|&l| self.rec.side_span(l));
@@ -316,7 +318,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
     }
 
     /// Score emission met by the walk, weighted against a connection of density `p_light` (per solid angle).
-    fn emit(&mut self, s: &State, emission: crate::light::Emission, p_light: f64) {
+    fn emit(&mut self, s: &State, emission: crate::light::Emission, p_light: f64, end: End) {
         if s.depth < self.set.min_order {
             return;
         }
@@ -324,9 +326,11 @@ impl<'a, R: Recorder> Walker<'a, R> {
         if s.pdf_direction > 0.0 && p_light > 0.0 {
             weight *= connect::direction_share(s.pdf_direction, s.tau, p_light);
         }
-        self.value += weight * emission.color();
+        let value = weight * emission.color();
+        self.value += value;
+        self.rec.score(s.depth, value);
         if R::ON {
-            self.rec.push(Event::Emit { weight, emission });
+            self.rec.push(Event::Emit { weight, emission, end });
         }
     }
 
@@ -381,7 +385,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             if front && !(s.depth == 0 && self.set.hide_emitters) {
                 let l = &scene.lights[light as usize];
                 let p = scene.selection(light) * scene.area_pdf(light, s.vertex, s.w, &hit);
-                self.emit(s, l.emission(Rgb::ONE), p);
+                let end = End::Shape { shape: hit.shape, p: hit.p, n: hit.n };
+                self.emit(s, l.emission(Rgb::ONE), p, end);
             }
         }
         let surface = &scene.surfaces[shape.surface as usize];
