@@ -1,0 +1,91 @@
+//! The ends of a segment that grazes an edge: what light leaves the far one, by number of scatterings, and how either moves.
+
+use super::Context;
+use super::sheet::Partials;
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
+use crate::params::Partial;
+use crate::scene::{Hit, Scene, Settings};
+use crate::sensor::Sensor;
+use crate::transport::record::{Event, MediumSpan, Recorder};
+use crate::transport::walk::{Stage, State, Walker};
+
+/// Light by the number of its scatterings so far.
+#[derive(Clone, Debug, Default)]
+pub struct ByOrder(pub Vec<Rgb>);
+
+impl ByOrder {
+    fn add(&mut self, order: u32, value: Rgb) {
+        let k = order as usize;
+        if self.0.len() <= k {
+            self.0.resize(k + 1, Rgb::ZERO);
+        }
+        self.0[k] += value;
+    }
+
+    /// What the picture shows of it after `more` scatterings.
+    pub fn shown(&self, set: &Settings, more: u32) -> Rgb {
+        let counts = |k: u32| k >= set.min_order && k < set.max_depth;
+        let all = self.0.iter().enumerate().filter(|(k, _)| counts(*k as u32 + more));
+        all.fold(Rgb::ZERO, |sum, (_, &x)| sum + x)
+    }
+
+    pub fn is_zero(&self) -> bool {
+        self.0.iter().all(|x| x.is_zero())
+    }
+}
+
+impl Recorder for ByOrder {
+    const ON: bool = false;
+    fn push(&mut self, _: Event) {}
+    fn side_span(&mut self, _: MediumSpan) {}
+    fn side_len(&self) -> u32 {
+        0
+    }
+    fn side_truncate(&mut self, _: u32) {}
+    fn checkpoint(&mut self, _: &State) -> bool {
+        false
+    }
+    fn score(&mut self, order: u32, value: Rgb) {
+        self.add(order, value);
+    }
+}
+
+/// An unbiased estimate of the radiance that arrives against `w` from the surface hit, or from beyond the scene.
+pub fn radiance(cx: &mut Context, o: DVec3, w: DVec3, hit: Option<Hit>, rng: Rng) -> ByOrder {
+    // Lamps may be hidden from the camera, not from what they light; how many scatterings count is asked later.
+    let set = Settings { hide_emitters: false, min_order: 0, ..*cx.set };
+    let mut s = State::new(rng, o, w, None);
+    s.stage = match hit {
+        Some(h) => Stage::Surface(h),
+        None => Stage::Escape,
+    };
+    let mut found = ByOrder::default();
+    let mut walker = Walker::new(cx.scene, &set, &mut found);
+    walker.run(s);
+    cx.tally = cx.tally.plus(&walker.tally);
+    found
+}
+
+/// `<c, v>` of a point that goes with a shape.
+pub fn material(scene: &Scene, shape: u32, p: DVec3, c: DVec3) -> [Partial; 4] {
+    scene.shapes[shape as usize].mover.forms(p, c)
+}
+
+/// `<c, ẋ>` of the hit x of the camera ray along w, whose film point is fixed [T] (60).
+pub fn film_fixed(scene: &Scene, sensor: &Sensor, hit: &Hit, w: DVec3, c: DVec3, out: &mut Partials) {
+    let along = hit.n * (c.dot(w) / hit.n.dot(w));
+    out.extend(material(scene, hit.shape, hit.p, along));
+    out.extend(sensor.forms(hit.p, c - along));
+}
+
+/// Of faces (shape, face) on one side of an outline, the one that a ray along w sees first when it passes the point e a little off the side
+/// that n points to.
+pub fn front(scene: &Scene, faces: &[(u32, u32)], e: DVec3, w: DVec3, n: DVec3) -> Option<Hit> {
+    let depth = |&(shape, face): &(u32, u32)| {
+        let m = crate::shape::Geometry::normal(&scene.shapes[shape as usize].shape, face, e);
+        -m.dot(n) / m.dot(w)
+    };
+    let first = faces.iter().min_by(|a, b| depth(a).total_cmp(&depth(b)))?;
+    Some(scene.hit_at(e, first.0, first.1))
+}

@@ -1,0 +1,81 @@
+//! Edges in the picture: term E1 of [T] section 3, [T] (22).
+//!
+//! Where a pixel's filter W covers an outline seen by the camera, or a crease between two faces, the radiance jumps; as the outline moves over the
+//! film, `∫ W <n,u̇> (L⁻ - L⁺) dl` is added. In angles at the camera: the unblocked side grows at the rate `-<n, ė-u>/d_e` ([T] (19); n
+//! toward it; u: the velocity of e as a point of its film point's ray), and gains `L_unblocked - L_blocked` for what it grows.
+//! Both radiances are followed with the same random numbers.
+
+use super::ends::{self, ByOrder};
+use super::outline::Outlines;
+use super::sheet::Partials;
+use super::{Context, Motion, Room, Sample};
+use crate::math::Rgb;
+use crate::math::rng::Rng;
+use crate::scene::Scene;
+use crate::sensor::Sensor;
+use crate::shape::Shape;
+
+pub const NAME: &str = "pixel_edge";
+
+pub struct PixelEdge {
+    outlines: Outlines,
+    camera: bool,
+}
+
+impl PixelEdge {
+    /// Outlines that move over the film; `None` if none can.
+    pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64) -> Option<PixelEdge> {
+        if !motion.surfaces() {
+            return None;
+        }
+        let keep = |shape| motion.camera || motion.moves(shape);
+        let outlines = Outlines::of_camera(scene, motion, sensor, margin, keep)?;
+        Some(PixelEdge { outlines, camera: motion.camera })
+    }
+}
+
+impl Room for PixelEdge {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    fn along(&self, _: &mut Context, _: [f64; 2], _: &mut Rng, _: &mut dyn FnMut(&Sample)) {}
+
+    fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        let scene = cx.scene;
+        let Some((ray, grazed, faces)) = self.outlines.sample(rng.uniform()) else { return };
+        let e = ray.at(ray.near);
+        let Some(q) = cx.sensor.project(e).filter(|q| cx.on_film(q.film)) else { return };
+        if scene.blocked_past(q.o, q.w, q.distance, grazed) {
+            return;
+        }
+        let Some(own) = ends::front(scene, &faces.own, e, q.w, -ray.n) else { return };
+        let lit = match faces.lit.is_empty() {
+            true => scene.opaque_past(q.o, q.w, f64::INFINITY, grazed),
+            false => ends::front(scene, &faces.lit, e, q.w, ray.n),
+        };
+        // A sphere is seen edge on: rounding must not decide from which side.
+        let toward = if matches!(scene.shapes[own.shape as usize].shape, Shape::Sphere(_)) { -ray.n } else { q.w };
+        let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
+        let shown = |cx: &mut Context, light: ByOrder| light.shown(cx.set, 0);
+        let light = ends::radiance(cx, e, toward, Some(own), stream);
+        let blocked = shown(cx, light);
+        let light = ends::radiance(cx, e, q.w, lit, stream);
+        let jump: Rgb = shown(cx, light) - blocked;
+
+        let mut partials = Partials::default();
+        if let Some((shape, _)) = grazed.first() {
+            partials.extend(ends::material(scene, *shape, e, -ray.n));
+        }
+        if self.camera {
+            partials.extend(cx.sensor.forms(e, ray.n));
+        }
+        emit(&Sample {
+            film: q.film,
+            flux: jump * (q.pixels_per_area * if ray.distant { 1.0 } else { ray.near }),
+            partials: partials.as_slice(),
+            film_per_sheet: 0.0,
+            outward: ray.across,
+        });
+    }
+}

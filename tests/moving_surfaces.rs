@@ -1,0 +1,171 @@
+//! Shapes, lamps and cameras that move in a vacuum: against [T] section 11, finite differences and identities.
+
+mod common;
+use common::{against_differences, check, derivatives, params, run, scene};
+use tyndall::render::driver::Mode;
+
+const BLACK: &str = r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></bsdf>"#;
+
+/// [T] AR: a lamp over a half-plane, seen from a receiver at the origin, of which the camera sees the radiance.
+#[test]
+fn ar_area_light_and_half_plane() {
+    let text = format!(
+        r#"<scene version="3.0.0"><default name="x" value="0.1"/>
+    <integrator type="path"><integer name="max_depth" value="2"/></integrator>
+    <sensor type="orthographic"><transform name="to_world"><scale x="1e-9" y="1e-9"/><lookat origin="0, 0, 0.5" target="0, 0, 0" up="0, 1, 0"/></transform>
+      <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor>
+    <shape type="rectangle"><bsdf type="diffuse"><rgb name="reflectance" value="0.7"/></bsdf></shape>
+    <shape type="rectangle"><transform name="to_world"><scale x="0.65" y="0.5"/><rotate y="1" angle="180"/><translate x="0.15" y="-0.1" z="2"/></transform>
+      <emitter type="area"><rgb name="radiance" value="3"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>
+    <shape type="rectangle"><transform name="to_world"><scale value="100"/><translate x="-100" z="1"/><translate x="$x"/></transform>{BLACK}</shape>
+    </scene>"#
+    );
+    let per_irradiance = 0.7 / std::f64::consts::PI;
+    let r = derivatives(&text, &["x"], &["interior"], 4096);
+    assert_eq!(r[0].value[0], 0.0);
+    let r = derivatives(&text, &["x"], &["surface_edge"], 1 << 21);
+    check("dE/dx_e", &r[0], -1.40691121291 * per_irradiance, 0.005);
+}
+
+/// [T] RC, the occluder's rows.
+#[test]
+fn rc_receiver_shadow_of_a_moving_half_plane() {
+    let text = format!(
+        r#"<scene version="3.0.0">
+    <default name="x" value="0"/><default name="y" value="1.2"/>
+    <integrator type="path"><integer name="max_depth" value="2"/></integrator>
+    <sensor type="orthographic"><transform name="to_world"><scale x="1.25" y="1.25"/><lookat origin="0.25, 1, 0.05" target="0.25, 0, 0.05" up="0, 0, 1"/></transform>
+      <film type="hdrfilm"><integer name="width" value="25"/><integer name="height" value="17"/><rfilter type="box"/></film></sensor>
+    <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="10"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.7"/></bsdf></shape>
+    <emitter type="point"><point name="position" value="0.2, 2, 0"/><rgb name="intensity" value="10"/></emitter>
+    <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="1000"/><translate x="-999.75" y="$y"/><translate x="$x"/></transform>{BLACK}</shape>
+    </scene>"#
+    );
+    let area = 2.5 * 1.7;
+    let r = derivatives(&text, &["x", "y"], &["all"], 4096);
+    check("dx_e", &r[0], -2.1653066145 / area, 0.005);
+    check("dy_e", &r[1], -0.13533166341 / area, 0.005);
+}
+
+/// A floor, a ball, a turned block, a disk and a mesh with vertex normals under `light`; three scatterings.
+fn room(light: &str, sensor: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0">
+  <default name="x" value="0.1"/><default name="r" value="0.35"/><default name="bx" value="-0.6"/><default name="turn" value="20"/>
+  <default name="floor" value="0"/><default name="tilt" value="30"/><default name="mesh" value="0.75"/><default name="lx" value="0.3"/><default name="size" value="0.4"/>
+  <default name="cx" value="0.2"/><default name="fov" value="40"/><default name="zoom" value="1.2"/>
+  <integrator type="path"><integer name="max_depth" value="4"/></integrator>
+  {sensor}
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/><translate y="$floor"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.6,0.5,0.4"/></bsdf></shape>
+  <shape type="sphere"><point name="center" value="$x, 0.7, 0.2"/><float name="radius" value="$r"/>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.5,0.6,0.7"/></bsdf></shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.25"/><rotate y="1" angle="$turn"/><translate x="$bx" y="0.4" z="0.5"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.7,0.3,0.3"/></bsdf></shape>
+  <shape type="disk"><transform name="to_world"><scale value="0.3"/><rotate x="1" angle="$tilt"/><translate x="-0.3" y="1.2" z="-0.3"/></transform>
+    <bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
+  <shape type="obj"><string name="filename" value="tests/common/smooth.obj"/><transform name="to_world"><scale x="0.25" y="0.3" z="0.25"/><rotate z="1" angle="15"/><translate x="$mesh" y="0.5" z="0.6"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf></shape>
+  {light}
+</scene>"#
+    )
+}
+
+const PERSPECTIVE: &str = r#"<sensor type="perspective"><float name="fov" value="$fov"/>
+    <transform name="to_world"><lookat origin="$cx, 1.2, 4" target="0, 0.6, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="5"/><rfilter type="tent"/></film></sensor>"#;
+const ORTHOGRAPHIC: &str = r#"<sensor type="orthographic">
+    <transform name="to_world"><scale x="$zoom" y="$zoom"/><lookat origin="$cx, 1.2, 4" target="0, 0.6, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="5"/><rfilter type="gaussian"/></film></sensor>"#;
+const LAMP: &str = r#"<shape type="rectangle"><transform name="to_world"><scale value="$size"/><rotate x="1" angle="90"/><translate x="$lx" y="2.2" z="0.1"/></transform>
+    <emitter type="area"><rgb name="radiance" value="9,8,7"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="0.2"/></bsdf></shape>"#;
+const POINT: &str = r#"<emitter type="point"><point name="position" value="$lx, 2.2, 0.1"/><rgb name="intensity" value="9,8,7"/></emitter>"#;
+const SKY: &str = r#"<emitter type="constant"><rgb name="radiance" value="1,0.8,0.7"/></emitter>"#;
+
+#[test]
+fn shapes_under_a_lamp() {
+    let text = room(LAMP, PERSPECTIVE);
+    let what = [("x", 0.02), ("r", 0.02), ("bx", 0.02), ("turn", 2.0), ("floor", 0.02), ("tilt", 2.0), ("mesh", 0.02)];
+    against_differences(&text, &what, &["all"], 1 << 13, 0.04);
+}
+
+#[test]
+fn shapes_under_a_point_light() {
+    let text = room(POINT, PERSPECTIVE);
+    let what = [("x", 0.02), ("bx", 0.02), ("turn", 2.0), ("floor", 0.02), ("mesh", 0.02)];
+    against_differences(&text, &what, &["all"], 1 << 13, 0.04);
+}
+
+#[test]
+fn shapes_under_the_sky() {
+    let text = room(SKY, ORTHOGRAPHIC);
+    against_differences(&text, &[("r", 0.02), ("turn", 2.0), ("mesh", 0.02)], &["all"], 1 << 13, 0.04);
+}
+
+#[test]
+fn lamps_that_move_and_grow() {
+    against_differences(&room(LAMP, PERSPECTIVE), &[("lx", 0.02), ("size", 0.02)], &["all"], 1 << 13, 0.04);
+}
+
+#[test]
+fn cameras() {
+    against_differences(&room(LAMP, PERSPECTIVE), &[("cx", 0.02), ("fov", 0.3)], &["all"], 1 << 13, 0.04);
+    against_differences(&room(POINT, ORTHOGRAPHIC), &[("cx", 0.02), ("zoom", 0.01)], &["all"], 1 << 13, 0.04);
+}
+
+/// Everything moves as one: nothing changes, sample by sample.
+#[test]
+fn rigid_motion_of_everything_changes_nothing() {
+    let text = r#"<scene version="3.0.0"><default name="s" value="0.2"/><default name="a" value="10"/>
+  <integrator type="path"><integer name="max_depth" value="5"/></integrator>
+  <sensor type="perspective"><float name="fov" value="50"/><transform name="to_world"><lookat origin="0, 1, 4" target="0, 0.5, 0" up="0, 1, 0"/><rotate y="1" angle="$a"/><translate x="$s"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="5"/><rfilter type="gaussian"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/><rotate y="1" angle="$a"/><translate x="$s"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="sphere"><float name="radius" value="0.4"/><transform name="to_world"><translate x="0.5" y="0.6"/><rotate y="1" angle="$a"/><translate x="$s"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.3"/><translate x="-0.5" y="0.7"/><rotate y="1" angle="$a"/><translate x="$s"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.5"/><rotate x="1" angle="90"/><translate y="2"/><rotate y="1" angle="$a"/><translate x="$s"/></transform><emitter type="area"/><bsdf type="diffuse"/></shape>
+</scene>"#;
+    let (desc, sc) = scene(text);
+    let p = params(&desc, &sc, &["s", "a"]);
+    let o = run(&sc, 64, 1, Mode::Forward(&p));
+    for pixel in 0..30 {
+        let picture = o.film.mean(0, pixel).max();
+        for layer in 1..3 {
+            let d = o.film.mean(layer, pixel).abs().max();
+            assert!(d < 1e-9 * picture.max(1e-3), "layer {layer}, pixel {pixel}: {d} beside {picture}");
+        }
+    }
+}
+
+/// [T] T9: every surface emits 1 - ρ and reflects ρ, the sky is 1: the picture is 1 whatever moves, while every term by itself is not 0.
+#[test]
+fn isothermal_enclosure() {
+    let surface = |rho: f64| {
+        let e = 1.0 - rho;
+        format!(r#"<emitter type="area"><rgb name="radiance" value="{e}"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="{rho}"/></bsdf>"#)
+    };
+    let (a, b, c) = (surface(0.6), surface(0.3), surface(0.8));
+    let text = format!(
+        r#"<scene version="3.0.0"><default name="x" value="0.3"/><default name="y" value="0.7"/><default name="cx" value="0"/>
+  <integrator type="path"><integer name="max_depth" value="40"/></integrator>
+  <sensor type="perspective"><float name="fov" value="50"/><transform name="to_world"><lookat origin="$cx, 1, 4" target="0, 0.5, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="tent"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/></transform>{a}</shape>
+  <shape type="sphere"><float name="radius" value="0.4"/><point name="center" value="$x, 0.6, 0"/>{b}</shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.3"/><rotate y="1" angle="30"/><translate x="-0.5" y="$y"/></transform>{c}</shape>
+  <emitter type="constant"/></scene>"#
+    );
+    let names = ["x", "y", "cx"];
+    let all = derivatives(&text, &names, &["all"], 1 << 12);
+    let (interior, edges) =
+        (derivatives(&text, &names, &["interior"], 1 << 12), derivatives(&text, &names, &["surface_edge"], 1 << 12));
+    for (k, name) in names.iter().enumerate() {
+        for c in 0..3 {
+            let z = all[k].value[c] / all[k].error[c];
+            assert!(z.abs() < 4.5, "{name}: {} +- {}", all[k].value[c], all[k].error[c]);
+        }
+        let parts = interior[k].value[0].abs().max(edges[k].value[0].abs());
+        println!("{name}: {:?} of {parts:.3e}", all[k]);
+        assert!(parts > 10.0 * all[k].error[0], "{name}: parts {parts} beside {}", all[k].error[0]);
+    }
+}
