@@ -2,13 +2,13 @@
 
 use super::desc::SceneDesc;
 use super::geometry::Group;
-use super::parts::{LightKindPart, MediumPart, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart};
+use super::parts::{LightKindPart, MediumPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart};
 use super::{Film, Instance, Scene, Settings};
 use crate::error::{Error, Result, Warning, WarningKind};
 use crate::light::envmap::Envmap;
 use crate::light::{Light, LightKind, Place};
 use crate::math::discrete::Discrete;
-use crate::math::{DMat3, DVec3, Rgb};
+use crate::math::{DMat3, DVec3, Dual, Rgb};
 use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
 use crate::params::{Mover, Owner, ParamSet, Quantity, SlotTable};
 use crate::phase::Phase;
@@ -19,6 +19,9 @@ use std::sync::Arc;
 
 /// Paths longer than this many steps are cut and counted.
 const PATH_CAP: u64 = 50_000_000;
+
+/// See [`Scene::uniform_share`].
+const UNIFORM_SHARE: f64 = 0.25;
 
 /// Derivative vertices take over from collision scores below this many collisions per extent of a medium.
 const KAPPA_SHARE: f64 = 0.3;
@@ -85,6 +88,7 @@ impl Scene {
         let mut scene = Scene {
             max_interfaces: 2 * shapes.len() + 64,
             exact_transmittance: false,
+            uniform_share: if can_move(desc)? { UNIFORM_SHARE } else { 0.0 },
             shapes,
             surfaces,
             media,
@@ -124,6 +128,20 @@ impl Scene {
         }
         Ok(ParamSet::new(names.to_vec(), &columns, self.slots.values.len()))
     }
+}
+
+/// Whether a parameter can move a shape or a camera.
+fn can_move(desc: &SceneDesc) -> Result<bool> {
+    for k in 0..desc.params.len() {
+        let parts = Parts::read(desc, &desc.dual(k))?;
+        let moves = |(what, x): (Movable, Vec<Dual<1>>)| {
+            matches!(what, Movable::Shape(_) | Movable::Sensor(_)) && x.iter().any(|x| x.d[0] != 0.0)
+        };
+        if parts.movable().into_iter().any(moves) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 fn slot_table(parts: &Parts<f64>) -> SlotTable {
@@ -187,6 +205,7 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
         }
     }
     Ok(Instance {
+        name: s.name.clone(),
         shape,
         surface: s.surface as u32,
         boundary,

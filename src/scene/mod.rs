@@ -35,6 +35,7 @@ use geometry::Group;
 
 /// A shape with what it does to light.
 pub struct Instance {
+    pub name: String,
     pub shape: Shape,
     pub surface: u32,
     /// Whether it separates media; then `interior` and `exterior` are those behind and before its front side.
@@ -103,6 +104,9 @@ pub struct Scene {
     pub max_interfaces: usize,
     /// Transmittances of grids are integrals, never estimates: slower, but pictures of nearby scenes then differ by what changed alone.
     pub exact_transmittance: bool,
+    /// Share of uniform directions among those that leave a surface by the cosine: where anything can move, scores like 1/cos must have a
+    /// second moment ([T] 2.3). It depends on the scene's parameters alone, so that every picture of it has the same bits.
+    pub uniform_share: f64,
     /// Probability of every light for a connection, and of every light with a position for the equi-angular one.
     pub selection: Discrete,
     /// All lights for connections if they are few, more than one, and at infinity; otherwise none.

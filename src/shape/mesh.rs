@@ -174,27 +174,6 @@ impl TriangleMesh {
         (n0 * (1.0 - b.x - b.y) + n1 * b.x + n2 * b.y).try_normalize()
     }
 
-    /// A shading normal as `ns = scale sum b_i n_i`: vertex normals, weights of the point p, scale (with the sign of `ns`). Without vertex
-    /// normals the face's own.
-    pub fn normal_weights(&self, face: u32, p: DVec3, ns: DVec3) -> ([DVec3; 3], [f64; 3], f64) {
-        let Some(normals) = &self.normals else { return ([ns; 3], [1.0, 0.0, 0.0], 1.0) };
-        let corners = self.faces[face as usize].map(|i| normals[i as usize]);
-        let [v0, ..] = self.corners(face);
-        let [g0, g1, g2] = self.weight_gradients(face);
-        let b = [1.0 + g0.dot(p - v0), g1.dot(p - v0), g2.dot(p - v0)];
-        let m = corners[0] * b[0] + corners[1] * b[1] + corners[2] * b[2];
-        (corners, b, m.length().recip().copysign(m.dot(ns)))
-    }
-
-    /// Gradients of the three weights along the face.
-    pub fn weight_gradients(&self, face: u32) -> [DVec3; 3] {
-        let [v0, v1, v2] = self.corners(face);
-        let (e1, e2) = (v1 - v0, v2 - v0);
-        let a = e1.cross(e2);
-        let (g1, g2) = (e2.cross(a) / a.length_squared(), a.cross(e1) / a.length_squared());
-        [-g1 - g2, g1, g2]
-    }
-
     /// Interpolated texture coordinates; without any, the weights themselves.
     pub fn texture_uv(&self, face: u32, b: DVec2) -> DVec2 {
         let Some(uv) = &self.uvs else { return b };

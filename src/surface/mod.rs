@@ -37,9 +37,18 @@ impl Surface {
         }
     }
 
-    /// A direction on the side of `wi`, cosine-weighted: density `eval_unit`, weight `rho`.
-    pub fn sample(&self, n: DVec3, wi: DVec3, u: f64, v: f64) -> DVec3 {
+    /// A direction on the side of `wi`: by the cosine (density `eval_unit`), a share `uniform` of them uniform.
+    pub fn sample(&self, n: DVec3, wi: DVec3, uniform: f64, u: f64, v: f64) -> DVec3 {
         let side = if n.dot(wi) >= 0.0 { n } else { -n };
-        warp::to_world(side, warp::cosine_hemisphere(u, v)).normalize()
+        if u < uniform {
+            let d = warp::sphere(u / uniform, v);
+            return if d.dot(side) < 0.0 { -d } else { d };
+        }
+        warp::to_world(side, warp::cosine_hemisphere((u - uniform) / (1.0 - uniform), v)).normalize()
+    }
+
+    /// Density per solid angle of [`Surface::sample`], for a direction whose [`Surface::eval_unit`] is `eval`.
+    pub fn pdf(eval: f64, uniform: f64) -> f64 {
+        if eval > 0.0 { (1.0 - uniform) * eval + uniform / (2.0 * PI) } else { 0.0 }
     }
 }

@@ -7,6 +7,7 @@ use crate::math::{DVec3, Rgb};
 use crate::params::Partial;
 use crate::scene::{Hit, Scene, Settings};
 use crate::sensor::Sensor;
+use crate::shape::{Geometry, Shape};
 use crate::transport::record::{Event, MediumSpan, Recorder};
 use crate::transport::walk::{Stage, State, Walker};
 
@@ -79,13 +80,24 @@ pub fn film_fixed(scene: &Scene, sensor: &Sensor, hit: &Hit, w: DVec3, c: DVec3,
     out.extend(sensor.forms(hit.p, c - along));
 }
 
+/// How far from an edge toward the middle of its face radiance is asked for, as a share of the way.
+const OFF_THE_EDGE: f64 = 1e-6;
+
 /// Of faces (shape, face) on one side of an outline, the one that a ray along w sees first when it passes the point e a little off the side
 /// that n points to.
 pub fn front(scene: &Scene, faces: &[(u32, u32)], e: DVec3, w: DVec3, n: DVec3) -> Option<Hit> {
     let depth = |&(shape, face): &(u32, u32)| {
-        let m = crate::shape::Geometry::normal(&scene.shapes[shape as usize].shape, face, e);
+        let m = scene.shapes[shape as usize].shape.normal(face, e);
         -m.dot(n) / m.dot(w)
     };
-    let first = faces.iter().min_by(|a, b| depth(a).total_cmp(&depth(b)))?;
-    Some(scene.hit_at(e, first.0, first.1))
+    let &(shape, face) = faces.iter().min_by(|a, b| depth(a).total_cmp(&depth(b)))?;
+    // On the edge of a mesh rays would start on its other face, too.
+    let p = match &scene.shapes[shape as usize].shape {
+        Shape::Mesh(m) => {
+            let [a, b, c] = m.corners(face);
+            e.lerp((a + b + c) / 3.0, OFF_THE_EDGE)
+        }
+        _ => e,
+    };
+    Some(scene.hit_at(p, shape, face))
 }

@@ -23,6 +23,7 @@ use crate::math::{DVec3, Rgb};
 use crate::params::{Mover, ParamSet, Partial, Slot};
 use crate::scene::{Scene, Settings};
 use crate::sensor::Sensor;
+use crate::shape::Shape;
 use crate::transport::Tally;
 
 /// One sample of a boundary term.
@@ -139,6 +140,16 @@ impl Motion {
                     "take a sensor that does not see it, or leave its pixel out with --crop",
                 ));
             }
+        }
+        let smooth = scene.shapes.iter().find(|s| {
+            let reflects = !scene.surfaces[s.surface as usize].is_null();
+            reflects && !s.face_normals && matches!(&s.shape, Shape::Mesh(m) if m.normals.is_some())
+        });
+        if let Some(s) = smooth.filter(|_| self.surfaces()) {
+            return Err(Error::usage(
+                format!("the mesh `{}` is shaded by vertex normals: what moves beside it cannot be differentiated yet", s.name),
+                "light then jumps at the horizon of every face; add <boolean name=\"face_normals\" value=\"true\"/> to the shape",
+            ));
         }
         let moving = self.lights.iter().filter(|l| l.position || l.direction || l.angles).count();
         if moving > 64 {

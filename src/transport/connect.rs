@@ -86,7 +86,8 @@ pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Sur
     let aim = beside::follows(w, light, s.left, s.o, None)
         .then(|| Aim::new(light, s.o, s.medium, on, &a, Turn::Cosine(n), s.aside));
     let end = End::of(light, s.o, &a);
-    finish(w, s, &a, end, &on, weight, probability, f, None, aim);
+    let p_direction = Surface::pdf(f, w.scene.uniform_share);
+    finish(w, s, &a, end, &on, weight, probability, p_direction, None, aim);
 }
 
 /// The extra connection of a medium span: a point drawn by the angle it subtends at a light with a position,

@@ -46,6 +46,8 @@ pub(super) struct Sight {
     pub direction: DVec3,
     /// Phase function or cosine at the vertex, per solid angle, over the squared distance.
     pub per_length: f64,
+    /// The density of drawing the direction there, over the squared distance.
+    pub density: f64,
     pub phase: Option<(u32, f64)>,
     pub transmittance: Rgb,
     /// The span that y lies in, whole, and where.
@@ -102,7 +104,9 @@ impl Sight {
                 }
                 if holds {
                     let (span, t) = (MediumSpan { t1, ..part }, (d - before).max(0.0));
-                    return Some(Sight { direction, per_length: f / (d * d), phase, transmittance, span, t });
+                    let p = if phase.is_some() { f } else { Surface::pdf(f, scene.uniform_share) };
+                    let (per_length, density) = (f / (d * d), p / (d * d));
+                    return Some(Sight { direction, per_length, density, phase, transmittance, span, t });
                 }
             }
             let h = hit?;
@@ -138,7 +142,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let sight = Sight::new(w, s, vertex, y, Some(&mut rng));
     s.rng = rng;
     let Some(sight) = sight else { return };
-    let Sight { span, t, per_length, .. } = sight;
+    let Sight { span, t, per_length, density: p_direction, .. } = sight;
     let m = &scene.media[span.medium as usize];
     let (_, sigma_s) = m.coefficients(y);
     if sigma_s.is_zero() && !R::ON {
@@ -146,9 +150,9 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     }
 
     // The three techniques for y, per volume.
-    let flight = scene.selection(light) * tracking::flight_density(m, &span, t) * per_length;
+    let flight = scene.selection(light) * tracking::flight_density(m, &span, t) * p_direction;
     let angles = connect::angles(center, &span);
-    let equi = if angles.usable() { scene.local_selection(light) * angles.density(t) * per_length } else { 0.0 };
+    let equi = if angles.usable() { scene.local_selection(light) * angles.density(t) * p_direction } else { 0.0 };
     let own = q * density(r, radius);
     let Some(a) = scene.arrival(light, y, v, z) else { return };
     let m2 = one_minus_cos(sight.direction, a.w);

@@ -155,34 +155,11 @@ impl Vertex<'_> {
         cx
     }
 
-    /// The shading normal turns with the matter.
-    fn turn_with_matter(&self, sink: &mut impl Sink) {
-        let instance = &self.scene.shapes[self.hit.shape as usize];
-        match &instance.shape {
-            Shape::Mesh(m) if !instance.face_normals && m.normals.is_some() => {
-                let (corners, b, scale) = m.normal_weights(self.hit.face, self.hit.p, self.hit.ns);
-                for (n, b) in corners.into_iter().zip(b) {
-                    instance.mover.normal(n, &self.turn.across(self.hit.ns).scaled(b * scale), sink);
-                }
-            }
-            _ => instance.mover.normal(self.hit.ns, &self.turn, sink),
-        }
-    }
-
-    /// On a velocity along the surface, how the shading normal there changes.
+    /// On a velocity along the surface, how the normal there changes.
     fn bend(&self) -> Covector {
-        let Hit { p, ns, face, .. } = *self.hit;
-        let instance = &self.scene.shapes[self.hit.shape as usize];
-        match &instance.shape {
+        let Hit { p, ns, .. } = *self.hit;
+        match &self.scene.shapes[self.hit.shape as usize].shape {
             Shape::Sphere(s) => self.turn.scaled(ns.dot(p - s.center).signum() / s.radius),
-            Shape::Mesh(m) if !instance.face_normals && m.normals.is_some() => {
-                let (turn, (corners, _, scale)) = (self.turn.across(ns), m.normal_weights(face, p, ns));
-                let mut c = Covector::default();
-                for (n, gradient) in corners.into_iter().zip(m.weight_gradients(face)) {
-                    c.add(gradient, turn.dot(n) * scale);
-                }
-                c
-            }
             _ => Covector::default(),
         }
     }
@@ -193,7 +170,7 @@ impl Vertex<'_> {
             let mover = &self.scene.shapes[self.hit.shape as usize].mover;
             mover.point(self.hit.p, &self.at, sink);
             mover.area(self.hit.n, after, sink);
-            self.turn_with_matter(sink);
+            mover.normal(self.hit.ns, &self.turn, sink);
         }
     }
 
@@ -214,7 +191,7 @@ impl Vertex<'_> {
             let mut c = bend.scaled(-1.0);
             c.add(n, along);
             instance.mover.point(p, &c, sink);
-            self.turn_with_matter(sink);
+            instance.mover.normal(self.hit.ns, &self.turn, sink);
         }
         if self.moving.camera {
             at.add(n, -along);

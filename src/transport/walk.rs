@@ -432,11 +432,16 @@ impl<'a, R: Recorder> Walker<'a, R> {
         light_centred::connect(self, s, &vertex);
         beside::score(self, s, &vertex);
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
-        let w = surface.sample(hit.ns, wi, u, v);
-        s.pdf_direction = surface.eval_unit(hit.ns, wi, w);
+        let uniform = self.scene.uniform_share;
+        let w = surface.sample(hit.ns, wi, uniform, u, v);
+        let f = surface.eval_unit(hit.ns, wi, w);
+        s.pdf_direction = Surface::pdf(f, uniform);
         if s.pdf_direction <= 0.0 {
             s.stage = Stage::Done;
             return;
+        }
+        if uniform > 0.0 {
+            s.beta *= f / s.pdf_direction;
         }
         s.w = w;
         s.stage = Stage::Fly;
