@@ -6,5 +6,5 @@ pub mod sink;
 pub mod slot;
 
 pub use mover::{Covector, Mover, Partial};
-pub use sink::{Forward, Null, Reverse, Sink};
+pub use sink::{Both, Forward, Null, Reverse, Sink};
 pub use slot::{Block, Owner, ParamSet, Quantity, Slot, SlotTable};

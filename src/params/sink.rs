@@ -46,6 +46,17 @@ impl Sink for Forward<'_> {
     }
 }
 
+/// To two sinks at once.
+pub struct Both<'a, A, B>(pub &'a mut A, pub &'a mut B);
+
+impl<A: Sink, B: Sink> Sink for Both<'_, A, B> {
+    #[inline]
+    fn add(&mut self, slot: Slot, partial: Rgb) {
+        self.0.add(slot, partial);
+        self.1.add(slot, partial);
+    }
+}
+
 /// Reverse mode: scatter into the gradient over slots, weighted by the adjoint of the pixel at hand.
 pub struct Reverse {
     pub adjoint: Rgb,

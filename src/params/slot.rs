@@ -126,6 +126,19 @@ impl ParamSet {
         ParamSet { names, tangent, active }
     }
 
+    /// The same with all slots still but those that `keep` takes.
+    #[must_use]
+    pub fn only(&self, keep: impl Fn(Slot) -> bool) -> ParamSet {
+        let (mut p, k) = (self.clone(), self.len());
+        for s in 0..p.active.len() {
+            if p.active[s] && !keep(s as Slot) {
+                p.active[s] = false;
+                p.tangent[s * k..(s + 1) * k].fill(0.0);
+            }
+        }
+        p
+    }
+
     pub fn len(&self) -> usize {
         self.names.len()
     }

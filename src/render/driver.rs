@@ -9,9 +9,9 @@ use super::rooms::{self, Rooms};
 use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
-use crate::params::{Forward, ParamSet, Reverse};
+use crate::params::{Both, Forward, ParamSet, Reverse};
 use crate::scene::Scene;
-use crate::transport::{self, PathRecord, State, Sweep, SweepFacts, Tally};
+use crate::transport::{self, PathRecord, border, State, Sweep, SweepFacts, Tally};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -128,7 +128,7 @@ impl Job<'_> {
 
     /// Quanta of the layers from the brightest of a keyed pilot (`wide`: of the scene's emission): independent of threads,
     /// crops and modes. One value may be 2.7e8 times that; the resolution is 1.4e-17 of it.
-    fn quanta(&self, sweep: Option<&Sweep>, rooms: &mut Option<Rooms>, wide: bool) -> Vec<i32> {
+    fn quanta(&self, sweep: Option<&Sweep>, rooms: &mut Option<Rooms>, borders: bool, wide: bool) -> Vec<i32> {
         let k = self.layers().len();
         let mut sums = vec![0.0f64; k];
         // Over the whole film, so that a crop has the same quanta and the same bits.
@@ -178,7 +178,7 @@ impl Job<'_> {
             rooms.set_budget(interior, &squares);
         }
         // Each term may need the whole range.
-        let terms = if self.split { 1 + squares.len() } else { 0 };
+        let terms = if self.split { 1 + squares.len() + usize::from(borders) } else { 0 };
         for _ in 0..terms {
             sums.extend_from_within(1..k);
         }
@@ -203,7 +203,15 @@ impl Job<'_> {
             params.map(|p| Rooms::new(self.scene, self.sensor, self.crop, self.seed, p, |n| self.terms.wants(n)));
         let rooms = rooms.transpose()?;
         let mut rooms = rooms.filter(|r| !r.is_empty());
-        let sweep = params.filter(|_| self.terms.wants("interior")).map(|params| Sweep {
+        // The sweep computes two terms, told apart by their slots.
+        let swept = params.map(|p| {
+            let (interior, borders) = (self.terms.wants("interior"), self.terms.wants(border::NAME));
+            p.only(|s| if self.scene.moves_a_border(s) { borders } else { interior })
+        });
+        let swept = swept.as_ref().filter(|p| self.terms.wants("interior") || p.any_active());
+        let borders = swept.map(|p| p.only(|s| self.scene.moves_a_border(s))).filter(ParamSet::any_active);
+        let borders = borders.as_ref().filter(|_| self.split);
+        let sweep = swept.map(|params| Sweep {
             scene: self.scene,
             set: &self.scene.settings,
             params,
@@ -213,11 +221,12 @@ impl Job<'_> {
         let mut layers = self.layers();
         layers.extend(self.term_layers("interior"));
         rooms.iter().flat_map(|r| &r.list).for_each(|r| layers.extend(self.term_layers(r.name())));
+        borders.iter().for_each(|_| layers.extend(self.term_layers(border::NAME)));
         let spec = FilmSpec {
             width: self.width(),
             height: self.height(),
             layers,
-            quantum: self.quanta(sweep.as_ref(), &mut rooms, wide),
+            quantum: self.quanta(sweep.as_ref(), &mut rooms, borders.is_some(), wide),
         };
         let rooms = rooms.as_ref();
         let mut film = Film::new(spec);
@@ -242,7 +251,7 @@ impl Job<'_> {
                         return None;
                     }
                     let range = tile * TILE..((tile + 1) * TILE).min(pixels);
-                    let g = self.tile(range, first..first + n, sweep.as_ref(), rooms, &film, &light_on_ray);
+                    let g = self.tile(range, first..first + n, sweep.as_ref(), borders, rooms, &film, &light_on_ray);
                     let k = done.fetch_add(1, Ordering::Relaxed) + 1;
                     progress(Progress {
                         done: (index as f64 + k as f64 / tiles as f64) / batches.len() as f64,
@@ -374,6 +383,7 @@ impl Job<'_> {
         pixels: std::ops::Range<usize>,
         samples: std::ops::Range<u64>,
         sweep: Option<&Sweep>,
+        borders: Option<&ParamSet>,
         rooms: Option<&Rooms>,
         film: &Film,
         light_on_ray: &std::sync::Mutex<Option<[usize; 2]>>,
@@ -382,12 +392,12 @@ impl Job<'_> {
         let mut reverse = matches!(self.mode, Mode::Reverse(..)).then(|| Reverse::new(slots));
         let mut rec = sweep.map(|_| PathRecord::new());
         let k = if let Mode::Forward(p) = &self.mode { p.len() } else { 0 };
-        let mut images = vec![Rgb::ZERO; k];
+        let (mut images, mut at_borders) = (vec![Rgb::ZERO; k], vec![Rgb::ZERO; k]);
         let mut tally = Tally::default();
         for pixel in pixels {
             let (x, y) = (self.crop[0] + pixel % self.width(), self.crop[1] + pixel / self.width());
             let mut sum = Rgb::ZERO;
-            let mut derivative = vec![Rgb::ZERO; k];
+            let (mut derivative, mut by_borders) = (vec![Rgb::ZERO; k], vec![Rgb::ZERO; k]);
             if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut reverse, &self.mode) {
                 r.adjoint = adjoint[pixel];
             }
@@ -399,9 +409,18 @@ impl Job<'_> {
                         let key = self.pixel_key(x, y);
                         let d = Rng::keyed(self.seed, Purpose::Derivative as u64, key, s);
                         match (mode, &mut reverse) {
-                            (Mode::Forward(p), _) => {
-                                let mut sink = Forward::new(p);
-                                let v = sweep.sample(state, d, rec, &mut sink, &mut tally);
+                            (Mode::Forward(_), _) => {
+                                let mut sink = Forward::new(sweep.params);
+                                let v = match borders {
+                                    None => sweep.sample(state, d, rec, &mut sink, &mut tally),
+                                    Some(b) => {
+                                        let mut own = Forward::new(b);
+                                        let mut both = Both(&mut sink, &mut own);
+                                        let v = sweep.sample(state, d, rec, &mut both, &mut tally);
+                                        own.take(&mut at_borders);
+                                        v
+                                    }
+                                };
                                 sink.take(&mut images);
                                 v
                             }
@@ -424,12 +443,17 @@ impl Job<'_> {
                 }
                 sum += value;
                 derivative.iter_mut().zip(&images).for_each(|(a, b)| *a += *b);
+                by_borders.iter_mut().zip(&at_borders).for_each(|(a, b)| *a += *b);
             }
             film.add(pixel, 0, sum);
             for (j, d) in derivative.iter().enumerate() {
                 film.add(pixel, j + 1, *d);
                 if self.split {
-                    film.add(pixel, 1 + k + j, *d);
+                    film.add(pixel, 1 + k + j, *d - by_borders[j]);
+                    if borders.is_some() {
+                        let layer = 1 + (2 + rooms.map_or(0, |r| r.list.len())) * k + j;
+                        film.add(pixel, layer, by_borders[j]);
+                    }
                 }
             }
             for room in 0..rooms.map_or(0, |r| r.list.len()) {

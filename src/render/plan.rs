@@ -7,6 +7,7 @@ use crate::math::Dual;
 use crate::scene::SceneDesc;
 use crate::scene::desc::suggest;
 use crate::scene::parts::{LightKindPart, Movable, Parts, SurfacePart, VolumePart};
+use crate::transport::border;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -100,11 +101,12 @@ impl Term {
     pub fn exists(self, f: &Facts, m: &Motion) -> bool {
         let surfaces = m.opaque || m.camera || m.area_light;
         // What moves besides lights of zero measure moves in a vacuum so far.
-        let unknown = m.ior || m.interface || m.border || m.volume || surfaces && f.medium;
+        let unknown = m.ior || m.interface || m.volume || surfaces && f.medium;
         match self {
             Term::P => !(m.environment || m.volume),
             Term::M | Term::G | Term::R | Term::E1 | Term::E3 => !unknown,
             Term::H => !unknown && !surfaces,
+            Term::N => !unknown,
             _ => false,
         }
     }
@@ -254,11 +256,13 @@ impl Terms {
             };
             match n.as_str() {
                 "all" => return Ok(Terms::ALL),
-                n if n == "interior" || crate::term::ROOMS.contains(&n) => chosen.push(n.to_string()),
+                n if n == "interior" || n == border::NAME || crate::term::ROOMS.contains(&n) => {
+                    chosen.push(n.to_string());
+                }
                 n if valid().contains(&n) => {
                     let what = format!("`--terms {n}`: this term is not available yet");
                     let list = crate::term::ROOMS.join(", ");
-                    return Err(Error::usage(what, format!("available: all, interior, {list}")));
+                    return Err(Error::usage(what, format!("available: all, interior, {}, {list}", border::NAME)));
                 }
                 n => return Err(Error::usage(format!("`--terms {n}`: unknown term"), suggest(n, valid()))),
             }

@@ -56,6 +56,11 @@ impl On {
         self.faces[..self.len as usize].iter().rev().find(|f| f.0 == shape).map(|f| f.1)
     }
 
+    /// The face that it came to last.
+    pub fn last(&self) -> Option<(u32, u32)> {
+        self.iter().next()
+    }
+
     fn iter(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
         self.faces[..self.len as usize].iter().rev().copied()
     }

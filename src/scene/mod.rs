@@ -27,7 +27,7 @@ use crate::light::Light;
 use crate::math::DVec3;
 use crate::math::discrete::Discrete;
 use crate::medium::Medium;
-use crate::params::{Mover, SlotTable};
+use crate::params::{Mover, Slot, SlotTable};
 use crate::sensor::Sensor;
 use crate::shape::{Bounds, Shape};
 use crate::surface::Surface;
@@ -58,6 +58,24 @@ impl Instance {
         } else {
             self.exterior
         }
+    }
+}
+
+impl Scene {
+    /// Whether light passes the shape unchanged.
+    pub fn is_null(&self, s: &Instance) -> bool {
+        self.surfaces[s.surface as usize].is_null()
+    }
+
+    /// Whether the shape does nothing but part media.
+    pub fn is_border(&self, s: &Instance) -> bool {
+        s.boundary && self.is_null(s)
+    }
+
+    /// Slots whose motion is a border's, all of it term N.
+    pub fn moves_a_border(&self, slot: Slot) -> bool {
+        let holds = |s: &Instance| (s.mover.first..s.mover.first + Mover::SLOTS).contains(&slot);
+        self.shapes.iter().any(|s| self.is_border(s) && holds(s))
     }
 }
 

@@ -44,7 +44,7 @@ impl Recorder for ByOrder {
         0
     }
     fn side_truncate(&mut self, _: u32) {}
-    fn checkpoint(&mut self, _: &State) -> bool {
+    fn checkpoint(&mut self, _: &Scene, _: &State) -> bool {
         false
     }
     fn score(&mut self, order: u32, value: Rgb) {

@@ -280,10 +280,11 @@ fn camera_span(cx: &mut Context, o: DVec3, w: DVec3, t: f64, rng: &mut Rng) -> O
         let holds = before + t1 >= t;
         if let Some(id) = medium {
             let end = if holds { (t - before).max(0.0) } else { t1 };
-            let span = MediumSpan { medium: id, o, w, t0: 0.0, t1: end };
+            let whole = MediumSpan::new(id, o, w, t1, &on, hit.as_ref());
+            let span = whole.until(end);
             transmittance *= transmit::one_span(scene, &span, rng);
             if holds {
-                return Some((MediumSpan { t1, ..span }, transmittance));
+                return Some((whole, transmittance));
             }
         }
         let h = hit?;
@@ -306,7 +307,7 @@ fn flight_density(cx: &Context, z: &Vertex, w: DVec3, d: f64) -> f64 {
     let scene = cx.scene;
     let medium = z.medium.or_else(|| (0..scene.media.len() as u32).next());
     let Some(id) = medium else { return 0.0 };
-    let span = MediumSpan { medium: id, o: z.p, w, t0: 0.0, t1: f64::INFINITY };
+    let span = MediumSpan::new(id, z.p, w, f64::INFINITY, &On::default(), None);
     let m = &scene.media[id as usize];
     match m.density_grid() {
         Some(g) => {
@@ -326,7 +327,7 @@ fn fly(cx: &mut Context, s: &mut State) -> Option<(Vertex, Option<f64>)> {
         let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
         if let Some(id) = s.medium {
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-            let span = MediumSpan { medium: id, o: s.o, w: s.w, t0: 0.0, t1 };
+            let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());
             if let Some(t) = tracking::fly(&scene.media[id as usize], &span, s) {
                 let p = s.o + s.w * t;
                 let density = flight_density(cx, &start, s.w, before + t);

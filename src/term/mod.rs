@@ -74,7 +74,10 @@ impl Motion {
             direction: active(l.place.direction, 3),
             angles: active(l.place.angles, 2),
         };
-        let moves = |i: usize| params.block_active(scene.shapes[i].mover.first, Mover::SLOTS);
+        let moves = |i: usize| {
+            let s = &scene.shapes[i];
+            !scene.is_null(s) && params.block_active(s.mover.first, Mover::SLOTS)
+        };
         // Two fields of velocities are one if four points in general position move alike.
         let probes = scene.bounds.probes();
         let field = |i: usize| -> Vec<f64> {

@@ -61,7 +61,7 @@ pub fn camera_spans(cx: &mut Context, film: [f64; 2], spans: &mut Vec<MediumSpan
         let hit = scene.intersect(o, w, f64::INFINITY, &on, medium);
         if let Some(id) = medium {
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-            spans.push(MediumSpan { medium: id, o, w, t0: 0.0, t1 });
+            spans.push(MediumSpan::new(id, o, w, t1, &on, hit.as_ref()));
         }
         let Some(h) = hit else { return };
         let shape = &scene.shapes[h.shape as usize];
@@ -103,7 +103,7 @@ pub fn crossing(
     }
     let Some(q) = cx.sensor.project(y) else { return };
     let Some(e) = irradiance(cx, &c.ray, y, Some(span.medium), &On::default(), rng) else { return };
-    let part = MediumSpan { t1: c.t, ..*span };
+    let part = span.until(c.t);
     let transmittance = before.iter().chain([&part]).fold(Rgb::ONE, |t, s| t * transmit::one_span(scene, s, rng));
     let f = m.phase.eval(one_minus_cos(span.w, -c.ray.w));
     emit(&Sample {

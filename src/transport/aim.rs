@@ -129,7 +129,7 @@ fn optical_depth(
         let length = hit.as_ref().map_or(left, |h| h.t);
         if let Some(id) = medium {
             let m = &scene.media[id as usize];
-            let span = MediumSpan { medium: id, o, w: aim.w, t0: 0.0, t1: length };
+            let span = MediumSpan::new(id, o, aim.w, length, &on, hit.as_ref());
             let part = Part { m, span, before };
             let (t0, t1) = part.clipped();
             if t1 > t0 {

@@ -193,7 +193,7 @@ impl Recorder for Aims {
         0
     }
     fn side_truncate(&mut self, _: u32) {}
-    fn checkpoint(&mut self, _: &State) -> bool {
+    fn checkpoint(&mut self, _: &Scene, _: &State) -> bool {
         false
     }
     fn follows(&self, light: u32) -> Option<u64> {

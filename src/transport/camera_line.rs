@@ -38,7 +38,7 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
                 return from_camera;
             }
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-            let span = MediumSpan { medium: id, o: s.o, w: s.w, t0: 0.0, t1 };
+            let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());
             let depth = tracking::depth(m, &span);
             pieces.push(Piece { span, before: total, depth });
             total += depth;
@@ -125,7 +125,7 @@ fn scatter_probability<R: Recorder>(
 /// Density per length of the forced collision at `t` of `piece`, per channel.
 fn forced_density(scene: &Scene, piece: &Piece, total: Rgb, t: f64) -> Rgb {
     let m = &scene.media[piece.span.medium as usize];
-    let part = MediumSpan { t1: t, ..piece.span };
+    let part = piece.span.until(t);
     let depth = piece.before + tracking::depth(m, &part);
     let (sigma_t, _) = m.coefficients(piece.span.o + piece.span.w * t);
     // 1 - T of nothing is nothing: no collision is forced there.
@@ -169,6 +169,10 @@ fn side_estimates<R: Recorder>(
         let density = |scene: &Scene, t: f64| forced_density(scene, piece, total, t).mean() * share.scatter;
         connect::equiangular(w, s, piece.span, prefix * before, 0, first, density, None);
     }
+    if R::ON {
+        let end = before * piece.depth.map(|t| (-t).exp());
+        w.rec.push(Event::Ends { span: piece.span, start: prefix * before, end: prefix * end });
+    }
     if let Some(rng) = w.rec.candidate_rng() {
         let m = &w.scene.media[piece.span.medium as usize];
         if let Some((t, weight)) = tracking::transmittance_point(m, &piece.span, piece.depth, rng) {
@@ -200,7 +204,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Piece
     if gray {
         s.beta *= m.albedo_at(point) * (-(-total[0]).exp_m1() / p);
     } else {
-        let part = MediumSpan { t1: t, ..piece.span };
+        let part = piece.span.until(t);
         let depth = piece.before + tracking::depth(m, &part);
         let (_, sigma_s) = m.coefficients(point);
         let d = density[hero];
@@ -216,7 +220,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Piece
         for q in &pieces[..k] {
             w.rec.push(Event::Span { span: q.span, prefix: None });
         }
-        w.rec.push(Event::Span { span: MediumSpan { t1: t, ..piece.span }, prefix: None });
+        w.rec.push(Event::Span { span: piece.span.until(t), prefix: None });
     }
     s.medium = Some(piece.span.medium);
     s.o = point;

@@ -125,7 +125,7 @@ pub fn equiangular<R: Recorder>(
     let equi = q * equiangular.density(t);
     let flight = scene.selection(light) * flight_density(scene, t);
     let centred = light_centred::density_per_length(scene, light, center, p, reach);
-    let part = MediumSpan { t1: t, ..span };
+    let part = span.until(t);
     // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
     let mut unscored = *rng;
     let rng = if sigma_s.is_zero() { &mut unscored } else { rng };

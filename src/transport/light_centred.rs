@@ -94,7 +94,8 @@ impl Sight {
             let holds = before + t1 >= d;
             let end = if holds { d - before } else { t1 };
             if let Some(id) = medium {
-                let part = MediumSpan { medium: id, o, w: direction, t0: 0.0, t1: end.max(0.0) };
+                let span = MediumSpan::new(id, o, direction, t1, &on, hit.as_ref());
+                let part = span.until(end.max(0.0));
                 transmittance *= match rng.as_deref_mut() {
                     Some(rng) => transmit::one_span(scene, &part, rng),
                     None => tracking::depth(&scene.media[id as usize], &part).map(|t| (-t).exp()),
@@ -103,7 +104,7 @@ impl Sight {
                     w.rec.side_span(part);
                 }
                 if holds {
-                    let (span, t) = (MediumSpan { t1, ..part }, (d - before).max(0.0));
+                    let t = (d - before).max(0.0);
                     let p = if phase.is_some() { f } else { Surface::pdf(f, scene.uniform_share) };
                     let (per_length, density) = (f / (d * d), p / (d * d));
                     return Some(Sight { direction, per_length, density, phase, transmittance, span, t });

@@ -2,6 +2,7 @@
 
 pub mod aim;
 pub mod beside;
+pub mod border;
 pub mod camera_line;
 pub mod connect;
 pub mod light_centred;

@@ -13,7 +13,7 @@
 use super::record::End;
 use crate::light::{LightKind, spot_falloff};
 use crate::math::{DVec3, Rgb, gradient};
-use crate::params::{Covector, ParamSet, Sink};
+use crate::params::{Covector, Mover, ParamSet, Sink};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
 use crate::shape::Shape;
@@ -29,7 +29,7 @@ pub struct Moving {
 impl Moving {
     pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Moving {
         let shapes: Vec<bool> =
-            scene.shapes.iter().map(|s| params.block_active(s.mover.first, crate::params::Mover::SLOTS)).collect();
+            scene.shapes.iter().map(|s| !scene.is_null(s) && params.block_active(s.mover.first, Mover::SLOTS)).collect();
         let camera = sensor.moves(params);
         Moving { any: camera || shapes.iter().any(|&m| m), shapes, camera }
     }

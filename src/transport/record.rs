@@ -10,7 +10,7 @@ use crate::light::{Arrival, Emission};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::params::Slot;
-use crate::scene::Hit;
+use crate::scene::{Hit, On, Scene};
 
 /// Walks around the light from a vertex of the path, and from a vertex of such a walk.
 pub(super) const CHAINS: f64 = 1.0;
@@ -27,6 +27,35 @@ pub struct MediumSpan {
     pub w: DVec3,
     pub t0: f64,
     pub t1: f64,
+    /// What it starts and ends on.
+    pub from: Face,
+    pub to: Face,
+}
+
+/// A face of a shape, or none where a piece ends in the middle of a medium.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Face {
+    pub shape: u32,
+    pub face: u32,
+}
+
+impl Face {
+    pub const NONE: Face = Face { shape: u32::MAX, face: 0 };
+}
+
+impl MediumSpan {
+    /// From a point on the faces `on` to what is hit, or to t1.
+    pub fn new(medium: u32, o: DVec3, w: DVec3, t1: f64, on: &On, hit: Option<&Hit>) -> Self {
+        let from = on.last().map_or(Face::NONE, |(shape, face)| Face { shape, face });
+        let to = hit.filter(|h| h.t <= t1).map_or(Face::NONE, |h| Face { shape: h.shape, face: h.face });
+        MediumSpan { medium, o, w, t0: 0.0, t1, from, to }
+    }
+
+    /// Its part up to t.
+    #[must_use]
+    pub fn until(&self, t: f64) -> Self {
+        MediumSpan { t1: t, to: if t < self.t1 { Face::NONE } else { self.to }, ..*self }
+    }
 }
 
 /// Prefix weights at the start of a walked span, for candidates of the derivative vertex [T] (65).
@@ -71,6 +100,8 @@ pub enum Event {
     Span { span: MediumSpan, prefix: Option<Prefix> },
     /// A point drawn on the camera line with known weight: a candidate.
     Candidate { medium: u32, p: DVec3, w: DVec3, weight: Rgb, flight: Flight },
+    /// A piece of the camera line, the weights of its start and of its end: candidates where they lie on borders that move.
+    Ends { span: MediumSpan, start: Rgb, end: Rgb },
     /// A collision: factor sigma_s of everything after it.
     Scatter { medium: u32, p: DVec3 },
     /// The phase function of the continuation.
@@ -108,7 +139,7 @@ pub trait Recorder {
     /// Forget the side spans from this one on.
     fn side_truncate(&mut self, len: u32);
     /// Called before every flight; true stops the walk there (regeneration of one chunk).
-    fn checkpoint(&mut self, state: &State) -> bool;
+    fn checkpoint(&mut self, scene: &Scene, state: &State) -> bool;
     /// A medium span of the camera line without end and without extinction: no candidate can be drawn.
     fn unbounded(&mut self, _medium: u32) {}
     /// The bit in [`State::left`] of a light that moves: its connections are then recorded as [`Event::Aim`] too.
@@ -142,7 +173,7 @@ impl Recorder for NoRecord {
         0
     }
     fn side_truncate(&mut self, _: u32) {}
-    fn checkpoint(&mut self, _: &State) -> bool {
+    fn checkpoint(&mut self, _: &Scene, _: &State) -> bool {
         false
     }
 }
@@ -211,13 +242,13 @@ impl Recorder for PathRecord {
         self.moving.get(light as usize).copied().filter(|&bit| bit != 0)
     }
 
-    fn checkpoint(&mut self, state: &State) -> bool {
+    fn checkpoint(&mut self, scene: &Scene, state: &State) -> bool {
         if self.events.len() < self.chunk {
             return false;
         }
         let Some(candidates) = &mut self.candidates else { return true };
         // The chunk is complete: draw from its candidates, keep only the state that the next one starts from.
-        candidates.scan(&self.events);
+        candidates.scan(scene, &self.events);
         self.events.clear();
         self.side.clear();
         self.chunk_starts.push(state.clone());

@@ -16,6 +16,7 @@
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::motion::{Chain, Moving};
 use super::walk::{Flight, Stage, State, Tally, Walker};
+use super::border::{Borders, Place};
 use super::{aim, camera_line};
 use crate::light::Emission;
 use crate::math::rng::{Purpose, Rng};
@@ -35,6 +36,8 @@ const KAPPA_RHO: f64 = 0.05;
 enum Vertex {
     Medium { medium: u32, p: DVec3, w: DVec3, flight: Flight },
     Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32> },
+    /// On a border that moves.
+    Border(Place),
 }
 
 /// A reservoir over the candidates of one path [T] (65).
@@ -59,6 +62,7 @@ pub struct SweepFacts {
     lights: Vec<u64>,
     any_source: bool,
     moving: Moving,
+    borders: Borders,
 }
 
 #[derive(Clone, Debug)]
@@ -99,8 +103,9 @@ impl SweepFacts {
             1u64.checked_shl(moving - 1).unwrap_or(0)
         };
         let lights = scene.lights.iter().map(bit).collect();
-        let moving = Moving::new(scene, sensor, params);
-        SweepFacts { media, surfaces, lights, any_source, moving }
+        let (moving, borders) = (Moving::new(scene, sensor, params), Borders::new(scene, params));
+        let any_source = any_source || borders.any();
+        SweepFacts { media, surfaces, lights, any_source, moving, borders }
     }
 }
 
@@ -115,14 +120,23 @@ impl Candidates {
     }
 
     /// Offer every candidate of a chunk.
-    pub fn scan(&mut self, events: &[Event]) {
+    pub fn scan(&mut self, scene: &Scene, events: &[Event]) {
         if !self.facts.any_source {
             return;
         }
         for e in events {
             match *e {
                 Event::Candidate { medium, p, w, weight, flight } => self.medium(medium, p, w, weight, 0, flight),
-                Event::Span { span, prefix: Some(prefix) } => self.span(&span, &prefix),
+                Event::Span { span, prefix: Some(prefix) } => {
+                    self.span(&span, &prefix);
+                    self.borders(scene, &span, &prefix);
+                }
+                Event::Ends { span, start, end } => {
+                    let places = self.facts.borders.ends(scene, &span);
+                    for (place, weight) in places.into_iter().zip([start, end]) {
+                        self.border(scene, place, weight, 0);
+                    }
+                }
                 Event::Scatter { medium, p } => {
                     let m = &self.facts.media[medium as usize];
                     if m.source {
@@ -159,6 +173,29 @@ impl Candidates {
         let flight =
             Flight { span: Some(whole), density: super::tracking::flight_density(m, &whole, t), reach: prefix.reach };
         self.medium(span.medium, span.o + span.w * t, span.w, weight, prefix.depth, flight);
+    }
+
+    /// Ends of a walked piece: the walk was at its start, and at its end if nothing stopped it before.
+    fn borders(&mut self, scene: &Scene, span: &MediumSpan, prefix: &Prefix) {
+        if !self.facts.borders.any() {
+            return;
+        }
+        let [start, end] = self.facts.borders.ends(scene, span);
+        self.border(scene, start, prefix.beta / prefix.r.mean(), prefix.depth);
+        if let Some(place) = end {
+            let m = &scene.media[span.medium as usize];
+            let weight = super::tracking::walked_weight(m, span, span.t1, prefix.beta, prefix.r);
+            self.border(scene, Some(place), weight, prefix.depth);
+        }
+    }
+
+    fn border(&mut self, scene: &Scene, place: Option<Place>, weight: Rgb, depth: u32) {
+        let Some(place) = place else { return };
+        let selection = weight.max() * place.strength(scene);
+        if selection > 0.0 {
+            self.by_vertex += selection;
+            self.offer(Vertex::Border(place), weight, depth, selection);
+        }
     }
 
     fn medium(&mut self, medium: u32, p: DVec3, w: DVec3, weight: Rgb, depth: u32, flight: Flight) {
@@ -216,7 +253,7 @@ impl Sweep<'_> {
         let value = w.value;
         *tally = tally.plus(&w.tally);
         let Some(mut candidates) = rec.candidates.take() else { return value };
-        candidates.scan(&rec.events);
+        candidates.scan(self.scene, &rec.events);
 
         // Backward: the last chunk is at hand, earlier ones are walked again.
         let mut chain = Chain::default();
@@ -247,9 +284,17 @@ impl Sweep<'_> {
                     chain.clear();
                 }
                 Event::Candidate { .. } => {}
+                Event::Ends { span, start, end } => self.glow_at_ends(span, [*start, *end], sink),
                 Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
                 Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
-                Event::Span { span, .. } => self.transmittance(span, after, sink),
+                Event::Span { span, prefix } => {
+                    self.transmittance(span, after, sink);
+                    if let Some(p) = prefix.filter(|_| self.facts.borders.any()) {
+                        let m = &self.scene.media[span.medium as usize];
+                        let end = super::tracking::walked_weight(m, span, span.t1, p.beta, p.r);
+                        self.glow_at_ends(span, [p.beta / p.r.mean(), end], sink);
+                    }
+                }
                 Event::Turn { medium, one_minus_mu } => self.phase(*medium, *one_minus_mu, after, sink),
                 Event::Scatter { medium, p } => self.source_score(*medium, *p, after, sink),
                 Event::Surface { surface, hit, wi, prefix, .. } => {
@@ -306,8 +351,22 @@ impl Sweep<'_> {
         after
     }
 
-    /// `T' = -Sigma_t T` [T] (11), (52b).
+    /// What a medium emits where its borders move.
+    fn glow_at_ends(&self, span: &MediumSpan, weights: [Rgb; 2], sink: &mut impl Sink) {
+        for (place, weight) in self.facts.borders.ends(self.scene, span).into_iter().zip(weights) {
+            let glow = |p: &Place| self.scene.media[p.medium as usize].glow(p.p);
+            if let Some((place, (sigma_a, color))) = place.and_then(|p| Some((p, glow(&p)?))) {
+                place.score(self.scene, weight * sigma_a * color, sink);
+            }
+        }
+    }
+
+    /// `T' = -Sigma_t T` [T] (11), (52b); where an end moves, -ṫ σ_t T more ([`super::border`]).
     fn transmittance(&self, span: &MediumSpan, after: Rgb, sink: &mut impl Sink) {
+        for place in self.facts.borders.ends(self.scene, span).into_iter().flatten() {
+            let sigma_t = self.scene.media[span.medium as usize].coefficients(place.p).0;
+            place.score(self.scene, -(sigma_t * after), sink);
+        }
         if !self.facts.media[span.medium as usize].extinction || after.is_zero() {
             return;
         }
@@ -387,6 +446,13 @@ impl Sweep<'_> {
                 let (_, sigma_s) = m.coefficients(p);
                 let l = Rgb::from_fn(|c| w.value[c] * weight[c] * m.kappa / (sigma_s[c] + m.kappa));
                 m.sigma_s_partials(self.params, p, |slot, d| sink.add(slot, d * l));
+            }
+            Vertex::Border(place) => {
+                let medium = Some(place.medium);
+                s = State { stage: Stage::Medium, o: place.p, w: place.w, medium, ..s };
+                w.run(s);
+                let sigma_s = self.scene.media[place.medium as usize].coefficients(place.p).1;
+                place.score(self.scene, w.value * weight * sigma_s, sink);
             }
             Vertex::Surface { surface, hit, wi, medium } => {
                 s = State { o: hit.p, w: -wi, on: On::at(&hit), medium, unit_reflectance: true, ..s };

@@ -155,7 +155,7 @@ pub fn walked_weight(m: &Medium, span: &MediumSpan, t: f64, beta: Rgb, r: Rgb) -
     if m.gray {
         return beta * (1.0 / r.mean());
     }
-    let tr = depth(m, &MediumSpan { t1: t, ..*span }).map(|d| (-d).exp());
+    let tr = depth(m, &span.until(t)).map(|d| (-d).exp());
     beta * tr * (1.0 / (r * tr).mean())
 }
 
@@ -294,7 +294,7 @@ mod tests {
         for (scale, y) in [(0.5, 0.43), (0.5, 0.11), (4.0, 0.43), (20.0, 0.2)] {
             let m = smoke(scale);
             let (o, w) = (DVec3::new(-0.3, y, 0.4), DVec3::new(1.0, 0.02, -0.03).normalize());
-            let span = MediumSpan { medium: 0, o, w, t0: 0.0, t1: 4.0 };
+            let span = MediumSpan::new(0, o, w, 4.0, &crate::scene::On::default(), None);
             let Volume::Grid(grid) = &m.density else { unreachable!() };
             let steps: Vec<f64> =
                 grid.spans(o, w, 0.0, 4.0).filter(|b| !b.constant).map(|b| b.max * scale * (b.t1 - b.t0)).collect();
@@ -310,7 +310,7 @@ mod tests {
                 .collect();
             for k in 1..=20 {
                 let t = 0.2 * f64::from(k);
-                let p = (-depth(&m, &MediumSpan { t1: t, ..span })[0]).exp();
+                let p = (-depth(&m, &span.until(t))[0]).exp();
                 let q = flights.iter().filter(|&&f| f > t).count() as f64 / n as f64;
                 let error = (p * (1.0 - p) / n as f64).sqrt().max(2.0 / n as f64);
                 assert!((p - q).abs() < 5.5 * error, "scale {scale}, y {y}, t {t}: {q} vs {p}");

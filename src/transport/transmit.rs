@@ -91,7 +91,7 @@ pub fn through<R: Recorder>(
         let hit = scene.boundary(o, a.w, left, &on, medium);
         let length = hit.as_ref().map_or(left, |h| h.t);
         if let Some(id) = medium {
-            let span = MediumSpan { medium: id, o, w: a.w, t0: 0.0, t1: length };
+            let span = MediumSpan::new(id, o, a.w, length, &on, hit.as_ref());
             t *= one_span(scene, &span, rng);
             let m = &scene.media[id as usize];
             if m.is_homogeneous() {

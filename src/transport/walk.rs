@@ -165,7 +165,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
     /// Walk to the end, or to the end of one chunk when the recorder says so.
     pub fn run(&mut self, mut s: State) {
         loop {
-            if self.rec.checkpoint(&s) || self.rec.is_over(&s) {
+            if self.rec.checkpoint(self.scene, &s) || self.rec.is_over(&s) {
                 return;
             }
             s.steps += 1;
@@ -210,7 +210,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             // The whole span is needed: for the grid's traversal, or for the equi-angular connection.
             let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-            let span = MediumSpan { medium: id, o: s.o, w: s.w, t0: 0.0, t1 };
+            let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());
             if connects {
                 let prefix = s.beta / s.r.mean();
                 let (first, depth, reach) = (self.rec.side_len(), s.depth, s.reach());
@@ -237,7 +237,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             let t = tracking::distance(medium, s);
             let hit = scene.intersect(s.o, s.w, t, &s.on, s.medium);
             let t1 = hit.as_ref().map_or(t, |h| h.t);
-            let span = MediumSpan { medium: id, o: s.o, w: s.w, t0: 0.0, t1 };
+            let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());
             if hit.is_none() && t < f64::INFINITY {
                 tracking::weight_collision(medium, t, s);
                 s.flight = Flight::default();
@@ -264,7 +264,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
         if R::ON {
             let t_end = span.t1;
-            let span = MediumSpan { t1: t, ..span };
+            let span = span.until(t);
             let prefix = Prefix { beta, r, depth: s.depth, t_end, reach: s.reach() };
             self.rec.push(Event::Span { span, prefix: Some(prefix) });
         }
@@ -310,7 +310,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         if R::ON {
             let first_span = self.rec.side_len();
             lead.iter().for_each(|&l| self.rec.side_span(l));
-            self.rec.side_span(MediumSpan { t1: t, ..span });
+            self.rec.side_span(span.until(t));
             let spans = self.rec.side_len() - first_span;
             let medium = span.medium;
             self.rec.push(Event::Glow { weight, emission, medium, p, sigma_a, first_span, spans });

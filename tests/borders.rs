@@ -1,0 +1,82 @@
+//! Media whose borders move: against [T] section 11 and finite differences.
+
+mod common;
+use common::{against_differences, check, derivatives, forward, job, params, scene};
+use tyndall::render::driver::{Job, Mode};
+
+/// [T] T5: two emitting slabs that part at s, a wall of radiance 0.5 behind them.
+#[test]
+fn t5_null_interface() {
+    let text = r#"<scene version="3.0.0"><default name="s" value="1.1"/>
+  <integrator type="volpath"/>
+  <medium type="homogeneous" id="near"><float name="sigma_t" value="0.7"/><float name="albedo" value="0"/>
+    <volume type="constvolume" name="emission"><rgb name="value" value="0.5714285714285714"/></volume></medium>
+  <medium type="homogeneous" id="far"><float name="sigma_t" value="1.9"/><float name="albedo" value="0"/>
+    <volume type="constvolume" name="emission"><rgb name="value" value="1.1578947368421053"/></volume></medium>
+  <sensor type="orthographic"><transform name="to_world"><scale value="0.1"/></transform><ref id="near"/>
+    <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><scale value="9"/><rotate y="1" angle="180"/><translate z="$s"/></transform><bsdf type="null"/>
+    <ref name="interior" id="far"/><ref name="exterior" id="near"/></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="9"/><rotate y="1" angle="180"/><translate z="3"/></transform>
+    <emitter type="area"><rgb name="radiance" value="0.5"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape></scene>"#;
+    check("L", &forward(text, &["s"], 1 << 14)[0], 0.834729702624, 0.005);
+    check("dL/ds", &derivatives(text, &["s"], &["null_interface"], 1 << 14)[0], -0.199967490113, 0.005);
+    assert_eq!(derivatives(text, &["s"], &["interior"], 64)[0].value[0], 0.0);
+}
+
+/// A cloud of the given shape over a floor, seen from the side; three scatterings.
+fn cloud(shape: &str, light: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="y" value="0.9"/><default name="size" value="0.5"/><default name="turn" value="25"/><default name="r" value="0.55"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="0, 1.2, 4" target="0, 0.6, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="5"/><rfilter type="tent"/></film></sensor>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="1.5, 2.5, 0.8"/><float name="albedo" value="0.8"/><phase type="hg"><float name="g" value="0.4"/></phase></medium>
+  {shape}
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.7,0.6,0.5"/></bsdf></shape>
+  <shape type="sphere"><point name="center" value="-0.3, 0.8, 0.3"/><float name="radius" value="0.2"/><bsdf type="diffuse"/></shape>
+  {light}</scene>"#
+    )
+}
+
+const CUBE: &str = r#"<shape type="cube"><transform name="to_world"><scale value="$size"/><rotate y="1" angle="$turn"/><translate x="$x" y="$y"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>"#;
+const BALL: &str = r#"<shape type="sphere"><point name="center" value="$x, $y, 0"/><float name="radius" value="$r"/><bsdf type="null"/><ref name="interior" id="fog"/></shape>"#;
+const POINT: &str =
+    r#"<emitter type="point"><point name="position" value="0.3, 2.2, 0.1"/><rgb name="intensity" value="9,8,7"/></emitter>"#;
+const LAMP: &str = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate x="1" angle="90"/><translate x="0.3" y="2.2" z="0.1"/></transform>
+    <emitter type="area"><rgb name="radiance" value="9,8,7"/></emitter></shape><emitter type="constant"><rgb name="radiance" value="0.2"/></emitter>"#;
+
+#[test]
+fn a_cube_of_fog_under_a_point_light() {
+    let what = [("x", 0.02), ("y", 0.02), ("size", 0.02), ("turn", 2.0)];
+    against_differences(&cloud(CUBE, POINT), &what, &["all"], 1 << 13, 0.02);
+}
+
+#[test]
+fn a_ball_of_fog_under_a_lamp_and_the_sky() {
+    against_differences(&cloud(BALL, LAMP), &[("x", 0.02), ("y", 0.02), ("r", 0.02)], &["all"], 1 << 13, 0.02);
+}
+
+/// Forward is the transpose of reverse; the term's layer is the whole derivative; without the term nothing is left.
+#[test]
+fn the_term_is_a_term() {
+    let text = cloud(CUBE, POINT);
+    let (desc, sc) = scene(&text);
+    let names = ["x", "y", "turn"];
+    let p = params(&desc, &sc, &names);
+    let f = Job { split: true, ..job(&sc, 32, 3, Mode::Forward(&p)) }.run(&|_| {}).unwrap();
+    assert_eq!(f.film.spec().layers[7], "d_x.null_interface");
+    let pixels = f.film.spec().pixels();
+    let v: Vec<tyndall::math::Rgb> = (0..pixels).map(|i| tyndall::math::Rgb::splat(0.1 + (i % 3) as f64)).collect();
+    let r = job(&sc, 32, 3, Mode::Reverse(&p, &v)).run(&|_| {}).unwrap();
+    let gradient = p.pull_back(&r.gradient.unwrap().0);
+    for k in 0..3 {
+        let dot: f64 = (0..pixels).map(|i| f.film.mean(k + 1, i).dot(v[i])).sum();
+        let scale: f64 = (0..pixels).map(|i| (f.film.mean(k + 1, i) * v[i]).abs().sum()).sum();
+        assert!(scale > 0.0 && (dot - gradient[k]).abs() <= 1e-10 * scale, "{}: {dot} {}", names[k], gradient[k]);
+        for i in 0..pixels {
+            assert_eq!(f.film.mean(k + 4, i).abs().max(), 0.0);
+            assert_eq!(f.film.mean(k + 7, i), f.film.mean(k + 1, i));
+        }
+    }
+}
