@@ -350,6 +350,28 @@ fn losses_have_gradients() {
     b.expect(2, "grad fog.xml --wrt intensity --loss l2 --target ref.exr -D size=13");
 }
 
+/// Against a target of the gradient's own random numbers the expectation is not 0 at the true values: 2 cov(I, dI) remains.
+#[test]
+fn a_gradient_is_independent_of_a_target_of_the_same_seed() {
+    let b = Bench::new();
+    let (mut sum, mut squares) = (0.0, 0.0);
+    let n = 24;
+    for seed in 1..=n {
+        b.expect(0, &format!("render fog.xml --seed {seed} --spp 4 --overwrite -o ref.exr"));
+        let line = format!("grad fog.xml --wrt intensity --loss l2 --target ref.exr --seed {seed} --spp 8");
+        let r = b.expect(0, &line).json();
+        let seeds = [&r["loss"]["seed"], &r["loss"]["gradient_seed"]].map(|s| s.as_u64().unwrap());
+        assert!(seeds[0] != seeds[1] && !seeds.contains(&seed), "{seeds:?}");
+        let g = r["gradient"]["intensity"].as_f64().unwrap();
+        sum += g;
+        squares += g * g;
+    }
+    let mean = sum / n as f64;
+    let error = ((squares / n as f64 - mean * mean) / (n - 1) as f64).sqrt();
+    // 4.5 standard errors of 24 runs: Student's t gives a false alarm in 6000; the seeds are fixed.
+    assert!(mean.abs() <= 4.5 * error, "{mean} +- {error}");
+}
+
 #[test]
 fn a_stopped_run_leaves_a_whole_file() {
     for (signal, code) in [("INT", 130), ("TERM", 143)] {
