@@ -96,6 +96,8 @@ fn bad_input_is_named() {
         ("wrt = [\"albedo\"]", "names no scene"),
         ("scene = \"fog.xml\"\nwrt = [\"albedo\"]\ntarget = 3", "fit.toml:3:10"),
         ("scene = \"fog.xml\"\n\nwrong = 1", "fit.toml:3:1"),
+        ("scene = \"fog.xml\"\nmax_time = -3", "fit.toml:2:12: `max_time`"),
+        ("scene = \"fog.xml\"\nstop = { window = 0, tolerance = -1 }", "fit.toml:2:19: `stop`"),
         ("scene = \"fog.xml\"\nwrt = [\"albedo\"]\n[bounds]\nalbdeo = [0, 1]", "fit.toml:4:10"),
         (
             "scene = \"fog.xml\"\nwrt = [\"albedo\"]\ntarget = { values = { glow = 1 } }\nbounds = { albedo = [0, 1] }",
@@ -106,5 +108,5 @@ fn bad_input_is_named() {
         let (_, err) = f.run(2, "fit fit.toml");
         assert!(err.contains(part) && err.contains("help: "), "{text}\n{err}");
     }
-    assert!(!f.path("fit.fit").exists());
+    assert!(!f.path("fit.fit").exists() && !f.path("fog.fit").exists());
 }

@@ -13,7 +13,7 @@ use tyndall::inverse::adam::StopRule;
 use tyndall::inverse::album::{self, Targets};
 use tyndall::inverse::fit::{Problem, Unknown};
 use tyndall::inverse::loss::{self, Loss};
-use tyndall::inverse::settings::{Rendered, Settings, Target};
+use tyndall::inverse::settings::{Rendered, Settings, Target, bare};
 use tyndall::math::Rgb;
 use tyndall::render::family::{Family, View};
 use tyndall::render::health::Health;
@@ -117,20 +117,16 @@ impl Prepared {
         let truth = |n: &String| rendered.and_then(|r| r.values.get(n).copied().or_else(|| scene_value(n)));
         let seeds = match (&args.seeds[..], args.study.seed, &s.seeds) {
             ([], Some(seed), _) => vec![seed],
-            ([], None, Some(seeds)) if !seeds.is_empty() => seeds.clone(),
+            ([], None, Some(seeds)) => seeds.get_ref().clone(),
             ([], ..) => vec![setup.seed],
             (seeds, ..) => seeds.to_vec(),
         };
         let rule = StopRule {
-            window: args.window.map(|n| n as usize).or(s.stop.window).unwrap_or(StopRule::default().window).max(4),
-            tolerance: args.tolerance.or(s.stop.tolerance).unwrap_or(StopRule::default().tolerance),
+            window: args.window.map(|n| n as usize).or(bare(&s.stop.window)).unwrap_or(StopRule::default().window),
+            tolerance: args.tolerance.or(bare(&s.stop.tolerance)).unwrap_or(StopRule::default().tolerance),
         };
         Ok(Prepared {
-            family: Family::file(
-                &given.scene.scene,
-                &given.scene.define,
-                given.scene.load(args.study.repair_voxels),
-            ),
+            family: Family::file(&given.scene.scene, &given.scene.define, given.scene.load(args.study.repair_voxels)),
             truth: wrt.iter().map(truth).collect(),
             target_name: match &target {
                 Target::File(f) => f.clone(),
@@ -141,10 +137,10 @@ impl Prepared {
             starts,
             seeds,
             loss: args.loss.map(Into::into).or(s.loss).unwrap_or_default(),
-            spp: args.spp.or(s.spp).unwrap_or(SPP).max(2),
-            iterations: args.iterations.map(|n| n as usize).or(s.iterations).unwrap_or(ITERATIONS),
-            max_time: args.max_time.or(s.max_time.map(Duration::from_secs_f64)).unwrap_or(MAX_TIME),
-            half_life: args.half_life.or(s.half_life).unwrap_or(HALF_LIFE),
+            spp: args.spp.or(bare(&s.spp)).unwrap_or(SPP),
+            iterations: args.iterations.map(|n| n as usize).or(bare(&s.iterations)).unwrap_or(ITERATIONS),
+            max_time: args.max_time.or(s.max_time.map(|t| t.0)).unwrap_or(MAX_TIME),
+            half_life: args.half_life.or(bare(&s.half_life)).unwrap_or(HALF_LIFE),
             rule,
             terms,
             setup,
@@ -178,7 +174,7 @@ impl Prepared {
                 // A seed that no run has, unless the user wants it so.
                 let seed = seed.unwrap_or(0x7461_7267_6574);
                 for view in album::views(&member, self.view()) {
-                    let o = view.picture(&member.scene, spp.unwrap_or(TARGET_SPP), seed)?;
+                    let o = view.picture(&member.scene, bare(spp).unwrap_or(TARGET_SPP), seed)?;
                     health.merge(&o.film.health);
                     targets[view.sensor] = Some(album::image(&o));
                 }

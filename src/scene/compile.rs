@@ -67,7 +67,8 @@ impl Scene {
         for (i, l) in parts.lights.iter().enumerate() {
             lights.push(light(l, Owner::Light(i), &slots)?);
         }
-        let sensors: Vec<Sensor> = parts.sensors.iter().enumerate().map(|(i, s)| sensor(s, Owner::Sensor(i), &slots)).collect();
+        let sensors: Vec<Sensor> =
+            parts.sensors.iter().enumerate().map(|(i, s)| sensor(s, Owner::Sensor(i), &slots)).collect();
         let films = parts.sensors.iter().map(|s| Film { part: s.film, spp: s.spp, seed: s.seed }).collect();
 
         let mut bounds = shapes.iter().fold(Bounds::EMPTY, |b, s: &Instance| b.union(&s.shape.bounds()));
