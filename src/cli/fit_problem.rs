@@ -103,7 +103,13 @@ impl Prepared {
         let mut render = args.study.render(args.spp);
         render.sensor = render.sensor.or(s.sensor.clone());
         let setup = Setup::new(&given.scene, &render, &wrt, log)?;
+        if let Some((name, _)) = args.bounds.iter().find(|(n, _)| !wrt.contains(n)) {
+            let what = format!("--bounds: `{name}` is not among the parameters to find");
+            return Err(Error::usage(what, suggest(name, wrt.iter().map(String::as_str))));
+        }
+        let family = Family::file(&given.scene.scene, &given.scene.define, given.scene.load(args.study.repair_voxels));
         let unknowns = wrt.iter().map(|n| unknown(n, &setup, s, args)).collect::<Result<Vec<_>>>()?;
+        unknowns.iter().try_for_each(|u| try_bounds(u, &family, s, args))?;
         let starts = starts(&unknowns, &setup, s, args)?;
         let rendered = if let Target::Values(r) = &target { Some(r) } else { None };
         if let Some(name) = rendered.and_then(|r| r.values.keys().find(|n| !has(&setup, n))) {
@@ -126,7 +132,7 @@ impl Prepared {
             tolerance: args.tolerance.or(bare(&s.stop.tolerance)).unwrap_or(StopRule::default().tolerance),
         };
         Ok(Prepared {
-            family: Family::file(&given.scene.scene, &given.scene.define, given.scene.load(args.study.repair_voxels)),
+            family,
             truth: wrt.iter().map(truth).collect(),
             target_name: match &target {
                 Target::File(f) => f.clone(),
@@ -230,6 +236,27 @@ fn unknown(name: &str, setup: &Setup, s: &Settings, args: &FitArgs) -> Result<Un
     })?;
     let rate = args.rate.or(s.rate.get(name).map(|r| *r.get_ref())).unwrap_or(RATE);
     Ok(Unknown { name: name.into(), min, max, rate })
+}
+
+/// The scene has to exist at both ends of the bounds, the others at their values: a fit may go there.
+fn try_bounds(u: &Unknown, family: &Family, s: &Settings, args: &FitArgs) -> Result<()> {
+    for x in [u.min, u.max] {
+        let Err(e) = family.at(&[(&u.name, x)]) else { continue };
+        let why = match e {
+            Error::Scene { span, what, .. } => format!("{span}: {what}"),
+            e => e.to_string(),
+        };
+        let what = format!("`{}` cannot be {x}: {why}", u.name);
+        let remedy = "give bounds between which the scene can be rendered";
+        return Err(if args.bounds.iter().any(|b| b.0 == u.name) {
+            Error::usage(format!("--bounds: {what}"), remedy)
+        } else if let Some(place) = s.places.get(&u.name) {
+            Error::scene(place, format!("[bounds]: {what}"), remedy)
+        } else {
+            Error::usage(format!("bounds of the scene's <?diff?> hint: {what}"), remedy)
+        });
+    }
+    Ok(())
 }
 
 /// Every start in full: what it does not name begins at the scene's value.
