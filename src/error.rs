@@ -113,6 +113,8 @@ pub enum WarningKind {
     NoEffect,
     /// A light lies on a camera ray: the picture diverges there.
     LightOnRay,
+    /// `--terms` leaves out what the derivative needs.
+    TermsLeftOut,
 }
 
 impl fmt::Display for Warning {

@@ -373,6 +373,22 @@ fn a_gradient_is_independent_of_a_target_of_the_same_seed() {
 }
 
 #[test]
+fn terms_that_do_not_suffice_are_told() {
+    let b = Bench::new();
+    for end in ["-o g.exr", "--adjoint g.exr"] {
+        let r = b.expect(0, &format!("grad fog.xml --wrt sigma_t --terms light_shadow --spp 2 --json {end}"));
+        assert!(r.stderr.contains("(biased): interior"), "{}", r.stderr);
+        let v = r.json();
+        assert_eq!((&v["plan"][0]["term"], &v["plan"][0]["use"]), (&"interior".into(), &false.into()));
+        assert!(v["plan"][0]["reason"].as_str().unwrap().ends_with("left out by --terms"));
+        assert_eq!(v["warnings"][0]["kind"], "terms_left_out");
+    }
+    assert_eq!(b.exr("g.exr").attribute("termsRun").unwrap().as_text(), Some(""));
+    let r = b.expect(0, "grad fog.xml --wrt sigma_t --terms interior --spp 2 -o h.exr");
+    assert!(!r.stderr.contains("warning"), "{}", r.stderr);
+}
+
+#[test]
 fn a_stopped_run_leaves_a_whole_file() {
     for (signal, code) in [("INT", 130), ("TERM", 143)] {
         let b = Bench::new();

@@ -3,7 +3,7 @@
 use super::fit::FitArgs;
 use super::log::Log;
 use super::options::{SceneOptions, parameters};
-use super::run::Setup;
+use super::run::{Setup, left_out};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tyndall::error::{Error, Result};
@@ -17,6 +17,7 @@ use tyndall::inverse::settings::{Rendered, Settings, Target, bare};
 use tyndall::math::Rgb;
 use tyndall::render::family::{Family, View};
 use tyndall::render::health::Health;
+use tyndall::render::plan::Terms;
 use tyndall::scene::desc::suggest;
 
 /// Defaults of options.
@@ -99,10 +100,13 @@ impl Prepared {
             (Some(t), [all]) if all == "all" => t.clone(),
             (_, t) => t.to_vec(),
         };
-        tyndall::render::plan::Terms::parse(&terms)?;
+        let chosen = Terms::parse(&terms)?;
         let mut render = args.study.render(args.spp);
         render.sensor = render.sensor.or(s.sensor.clone());
         let setup = Setup::new(&given.scene, &render, &wrt, log)?;
+        if let Some(w) = left_out(&setup, &chosen) {
+            log.warn(w);
+        }
         if let Some((name, _)) = args.bounds.iter().find(|(n, _)| !wrt.contains(n)) {
             let what = format!("--bounds: `{name}` is not among the parameters to find");
             return Err(Error::usage(what, suggest(name, wrt.iter().map(String::as_str))));

@@ -82,6 +82,9 @@ impl GradArgs {
         let mut setup = Setup::new(&self.scene, &self.render, wrt, log)?;
         let params = setup.scene.param_set(&setup.desc, wrt)?;
         tell_idle(&params, wrt, log);
+        if let Some(w) = run::left_out(&setup, &terms) {
+            log.warn(w);
+        }
         let (adjoint, loss) = match (&self.adjoint, self.loss, &self.target) {
             (Some(path), ..) => (self.image(path, &setup)?, None),
             (None, Some(kind), Some(target)) => {
@@ -100,7 +103,7 @@ impl GradArgs {
         }
         let done = run::run(&job, &self.render, &setup.stop, log)?;
         let files = outputs.as_ref().map_or(Vec::new(), Outputs::all);
-        let mut report = run::report(&setup, &done, &self.render, &files, wrt);
+        let mut report = run::report(&setup, &done, &self.render, &files, wrt, &job.terms);
         report.loss = loss;
         gradient(&mut report, &params, &done.outcome.gradient);
         let json = run::to_json(&report)?;

@@ -49,9 +49,12 @@ pub fn picture(
     if let Some(code) = setup.stop.exit_code() {
         return Ok(code);
     }
+    if let Some(w) = run::left_out(setup, &terms) {
+        log.warn(w);
+    }
     let job = Job { terms, split, ..setup.job(mode, options) };
     let done = run::run(&job, options, &setup.stop, log)?;
-    let report = run::report(setup, &done, options, &outputs.all(), wrt);
+    let report = run::report(setup, &done, options, &outputs.all(), wrt, &job.terms);
     let (mut image, beyond) = files::image(&done.outcome, setup.crop, setup.full_size());
     image.attributes = run::attributes(&report);
     if beyond > 0 {
