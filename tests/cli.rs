@@ -295,6 +295,9 @@ fn goals_end_a_run() {
     // Time runs out first.
     let r = b.expect(0, "render fog.xml --spp 3200 --target-error 1e-9 --max-time 1ms --json -o b.exr").json();
     assert_eq!((&r["target_reached"], &r["complete"], &r["spp"]), (&false.into(), &false.into(), &100.into()));
+    // One batch has no error bars, and says so.
+    let r = b.expect(0, "render fog.xml --spp 3200 --max-time 1ms -o d.exr");
+    assert!(r.stderr.contains("error bars need two") && b.exr("d.exr").channel("var.R").is_none(), "{}", r.stderr);
     assert_eq!(b.exr("b.exr").attribute("complete").unwrap().as_integer(), Some(0));
     // Samples run out first.
     let r = b.expect(0, "render fog.xml --spp 8 --target-error 1e-9 --json -o c.exr").json();

@@ -63,11 +63,12 @@ pub struct RenderOptions {
     /// Set voxels that are NaN, infinite or negative to 0 instead of refusing the file, and count them
     #[arg(long)]
     pub repair_voxels: bool,
-    /// Stop after the batch (1/32 of the samples) in which this time is over, e.g. 90s, 5m, 1h
+    /// Stop when this time is over, e.g. 90s, 5m, 1h: with the batches (1/32 of the samples each) that are done by then, but not
+    /// before one is. Error bars need two
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub max_time: Option<Duration>,
     /// Stop after the batch in which the picture's relative error (root mean square error over mean) falls below this,
-    /// e.g. 0.01
+    /// e.g. 0.01, but not before 8 of the 32 batches: fewer do not tell the error well
     #[arg(long, value_name = "ERROR", value_parser = positive)]
     pub target_error: Option<f64>,
     /// Share of samples that may be biased (left out, cut) before the exit code is 3

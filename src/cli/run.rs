@@ -144,6 +144,9 @@ pub fn run(job: &Job, o: &RenderOptions, stop: &Stop, log: &Log) -> Result<Done>
         stop.exit_code();
     }
     let outcome = outcome?;
+    if outcome.film.batches().len() < 2 {
+        log.warn("only one batch was done: error bars need two, so there are no var.* layers and no standard errors");
+    }
     let cpu_seconds = cpu_seconds().zip(before).map(|(b, a)| b - a);
     // A run that stopped because it reached its error has done what it was asked for.
     let complete = outcome.complete || outcome.target_reached == Some(true);
