@@ -57,7 +57,7 @@ pub enum Error {
     #[error("{0}")]
     Runtime(String),
     /// A signal came before there was anything to write.
-    #[error("stopped by a signal before the first batch was done: nothing is written")]
+    #[error("stopped by a signal: nothing is written")]
     Interrupted,
 }
 

@@ -1,7 +1,7 @@
 //! The program itself: exit codes, files, JSON, bits.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
@@ -413,6 +413,30 @@ fn a_stopped_run_leaves_a_whole_file() {
         let spp = i.attribute("spp").unwrap().as_integer().unwrap();
         assert!((1250..40000).contains(&spp), "{spp}");
         assert_eq!(b.files(), ["fog.exr", "fog.json", "fog.xml"]);
+    }
+}
+
+#[test]
+fn a_stopped_study_says_that_nothing_is_written() {
+    let b = Bench::new();
+    b.expect(0, "render fog.xml --spp 2 -q");
+    let before = b.files();
+    for line in [
+        "grad fog.xml --wrt sigma_t --loss l2 --target fog.exr --spp 4000000 -o g.json",
+        "check fog.xml --wrt sigma_t --max-time 60s -o c.json",
+        "converge fog.xml --time 60s",
+    ] {
+        let mut child = b.command(line).arg("-v").stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut stderr = BufReader::new(child.stderr.take().unwrap());
+        // The line about the loaded scene: signals are heard by then.
+        let mut text = String::new();
+        stderr.read_line(&mut text).unwrap();
+        let kill = format!("kill -INT {}", child.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+        stderr.read_to_string(&mut text).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{line}\n{text}");
+        assert!(text.contains("nothing is written"), "{line}\n{text}");
+        assert_eq!(b.files(), before, "{line}");
     }
 }
 

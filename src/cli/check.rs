@@ -114,9 +114,7 @@ impl CheckArgs {
         };
         let mut pace = Pace::new(log);
         let found = check::check(&family, view, &wrt, &options, &check::ours(view), &mut |text| pace.say(text));
-        if let Some(code) = setup.stop.exit_code() {
-            return Ok(code);
-        }
+        setup.stop.check()?;
         let found = found?;
         if let Some(path) = &self.sheet {
             sheet(path, &found, &view)?;

@@ -93,9 +93,7 @@ impl ConvergeArgs {
         let options = ConvergeOptions { seed: setup.seed, time: self.time };
         let mut pace = Pace::new(log);
         let study = converge::converge(&family, view, &wrt, &options, &given, &mut |text| pace.say(text));
-        if let Some(code) = setup.stop.exit_code() {
-            return Ok(code);
-        }
+        setup.stop.check()?;
         let study = study?;
         output::write_bytes(&csv, table_csv(&study.curves).as_bytes())?;
         for (path, parameter) in &plots {

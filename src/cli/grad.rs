@@ -93,9 +93,7 @@ impl GradArgs {
             }
             _ => return Err(Error::usage("a gradient needs --adjoint, or --loss and --target", "give one of them")),
         };
-        if let Some(code) = setup.stop.exit_code() {
-            return Ok(code);
-        }
+        setup.stop.check()?;
         let mut job = setup.job(Mode::Reverse(&params, &adjoint), &self.render);
         job.terms = terms;
         if let Some(l) = &loss {

@@ -46,9 +46,7 @@ pub fn picture(
     log: &Log,
 ) -> Result<u8> {
     // Stopped while loading: there is nothing to write.
-    if let Some(code) = setup.stop.exit_code() {
-        return Ok(code);
-    }
+    setup.stop.check()?;
     if let Some(w) = run::left_out(setup, &terms) {
         log.warn(w);
     }
