@@ -228,5 +228,5 @@ fn sheet(path: &std::path::Path, found: &CheckReport, view: &View) -> Result<()>
         ];
         Sheet { panels, columns: 4, unit: "radiance / unit".into(), ..Sheet::default() }
     };
-    png::write_sheets(path, &found.parameters.iter().map(row).collect::<Vec<_>>())
+    png::write_sheets(path, &found.parameters.iter().map(row).collect::<Vec<_>>(), 1)
 }
