@@ -453,7 +453,13 @@ fn version_help_completions_and_man() {
     for shell in ["bash", "zsh", "fish"] {
         assert!(b.expect(0, &format!("completions {shell}")).stdout.contains("health-limit"));
     }
-    assert!(b.expect(0, "man").stdout.contains(".TH"));
+    let version = v.lines().next().unwrap();
+    for page in ["man", "man grad"] {
+        let text = b.expect(0, page).stdout;
+        let title = text.lines().find(|l| l.starts_with(".TH ")).unwrap();
+        assert!(title.trim_end().ends_with(&format!("\"{version}\"")), "{page}: {title}");
+        assert!(!text.contains("\nEmbree "), "{page}");
+    }
     b.expect(2, "man rendr");
 }
 
