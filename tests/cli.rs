@@ -215,6 +215,26 @@ fn nothing_is_written_on_usage_and_scene_errors() {
 }
 
 #[test]
+fn a_broken_mesh_is_named() {
+    let b = Bench::new();
+    let scene = |file: &str| {
+        let shape =
+            format!("<shape type=\"{}\"><string name=\"filename\" value=\"{file}\"/></shape>", &file[file.len() - 3..]);
+        fs::write(b.path("mesh.xml"), SCENE.replace("</scene>", &format!("{shape}</scene>"))).unwrap();
+    };
+    fs::write(b.path("far.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n").unwrap();
+    // Cut in the middle of its vertices.
+    let head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0";
+    fs::write(b.path("cut.ply"), head).unwrap();
+    for file in ["far.obj", "cut.ply"] {
+        scene(file);
+        let r = b.expect(2, "render mesh.xml");
+        assert!(r.stderr.contains(file) && r.stderr.contains("mesh.xml:"), "{}", r.stderr);
+    }
+}
+
+#[test]
 fn definitions_and_sensors_act() {
     let b = Bench::new();
     b.expect(0, "render fog.xml --spp 4 -o a.exr");
