@@ -179,7 +179,7 @@ fn nothing_is_written_on_usage_and_scene_errors() {
         ("rendr fog.xml", "render"),
         ("render fog.xml -D sigmat=1", "did you mean `sigma_t`"),
         ("render fog.xml -D sigma_t", "name=value"),
-        ("render fog.xml -D sigma_t=-1", "sigma_t"),
+        ("render fog.xml -D sigma_t=-1", "`$sigma_t` = -1"),
         ("render fog.xml -o out.png", "out.exr"),
         ("render fog.xml -o no/out.exr", "no folder no"),
         ("render fog.xml --preview p.jpg", "p.png"),
