@@ -57,7 +57,7 @@ pub enum Error {
     #[error("{0}")]
     Runtime(String),
     /// A signal came before there was anything to write.
-    #[error("stopped by a signal before the first batch was done: nothing is written")]
+    #[error("stopped by a signal: nothing is written")]
     Interrupted,
 }
 
@@ -113,6 +113,8 @@ pub enum WarningKind {
     NoEffect,
     /// A light lies on a camera ray: the picture diverges there.
     LightOnRay,
+    /// `--terms` leaves out what the derivative needs.
+    TermsLeftOut,
 }
 
 impl fmt::Display for Warning {

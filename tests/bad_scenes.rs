@@ -271,7 +271,7 @@ fn repair_voxels_counts_what_it_did() {
     use tyndall::scene::compile::LoadOptions;
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bad_plugins/vol_nan.xml");
     let desc = SceneDesc::load(&path, &[]).unwrap();
-    let scene = Scene::compile(&desc, &LoadOptions { repair_voxels: true }).unwrap();
+    let scene = Scene::compile(&desc, &LoadOptions { repair_voxels: true, ..LoadOptions::default() }).unwrap();
     let warning = scene.warnings.iter().find(|w| w.kind == WarningKind::RepairedVoxels).unwrap();
     assert!(warning.what.contains("1 voxels"), "{warning}");
 }

@@ -1,7 +1,7 @@
 //! The program itself: exit codes, files, JSON, bits.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
@@ -179,7 +179,7 @@ fn nothing_is_written_on_usage_and_scene_errors() {
         ("rendr fog.xml", "render"),
         ("render fog.xml -D sigmat=1", "did you mean `sigma_t`"),
         ("render fog.xml -D sigma_t", "name=value"),
-        ("render fog.xml -D sigma_t=-1", "sigma_t"),
+        ("render fog.xml -D sigma_t=-1", "`$sigma_t` = -1"),
         ("render fog.xml -o out.png", "out.exr"),
         ("render fog.xml -o no/out.exr", "no folder no"),
         ("render fog.xml --preview p.jpg", "p.png"),
@@ -211,6 +211,26 @@ fn nothing_is_written_on_usage_and_scene_errors() {
         assert!(r.stderr.contains(message), "`{line}`: {}", r.stderr);
         assert!(r.stderr.starts_with("error: ") && r.stdout.is_empty(), "`{line}`: {}", r.stderr);
         assert_eq!(b.files(), ["bad.xml", "fog.xml"], "`{line}`");
+    }
+}
+
+#[test]
+fn a_broken_mesh_is_named() {
+    let b = Bench::new();
+    let scene = |file: &str| {
+        let shape =
+            format!("<shape type=\"{}\"><string name=\"filename\" value=\"{file}\"/></shape>", &file[file.len() - 3..]);
+        fs::write(b.path("mesh.xml"), SCENE.replace("</scene>", &format!("{shape}</scene>"))).unwrap();
+    };
+    fs::write(b.path("far.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n").unwrap();
+    // Cut in the middle of its vertices.
+    let head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0";
+    fs::write(b.path("cut.ply"), head).unwrap();
+    for file in ["far.obj", "cut.ply"] {
+        scene(file);
+        let r = b.expect(2, "render mesh.xml");
+        assert!(r.stderr.contains(file) && r.stderr.contains("mesh.xml:"), "{}", r.stderr);
     }
 }
 
@@ -295,6 +315,9 @@ fn goals_end_a_run() {
     // Time runs out first.
     let r = b.expect(0, "render fog.xml --spp 3200 --target-error 1e-9 --max-time 1ms --json -o b.exr").json();
     assert_eq!((&r["target_reached"], &r["complete"], &r["spp"]), (&false.into(), &false.into(), &100.into()));
+    // One batch has no error bars, and says so.
+    let r = b.expect(0, "render fog.xml --spp 3200 --max-time 1ms -o d.exr");
+    assert!(r.stderr.contains("error bars need two") && b.exr("d.exr").channel("var.R").is_none(), "{}", r.stderr);
     assert_eq!(b.exr("b.exr").attribute("complete").unwrap().as_integer(), Some(0));
     // Samples run out first.
     let r = b.expect(0, "render fog.xml --spp 8 --target-error 1e-9 --json -o c.exr").json();
@@ -350,6 +373,40 @@ fn losses_have_gradients() {
     b.expect(2, "grad fog.xml --wrt intensity --loss l2 --target ref.exr -D size=13");
 }
 
+/// Against a target of the gradient's own random numbers the expectation is not 0 at the true values: 2 cov(I, dI) remains.
+#[test]
+fn a_gradient_shares_no_samples_with_a_target_of_the_same_seed() {
+    let b = Bench::new();
+    let target = b.expect(0, "render fog.xml --seed 3 --spp 4 --json -o ref.exr").json();
+    let mean = |r: &serde_json::Value| r["layers"][0]["mean"].clone();
+    let grad = |end: &str| b.expect(0, &format!("grad fog.xml --wrt intensity --seed 3 {end}")).json();
+    // The gradient pass reports the picture that its samples make: with an adjoint, that of the seed itself.
+    assert_eq!(mean(&grad("--spp 4 --adjoint ref.exr")), mean(&target));
+    let r = grad("--spp 8 --loss l2 --target ref.exr");
+    assert_eq!(r["spp"], 4);
+    assert_ne!(mean(&r), mean(&target));
+    // The same bits again; and a picture of the loss by itself.
+    assert_eq!(mean(&grad("--spp 8 --loss l2 --target ref.exr")), mean(&r));
+    let seeds = [&r["loss"]["seed"], &r["loss"]["gradient_seed"]].map(|s| s.as_u64().unwrap());
+    assert!(seeds[0] != seeds[1] && !seeds.contains(&3), "{seeds:?}");
+}
+
+#[test]
+fn terms_that_do_not_suffice_are_told() {
+    let b = Bench::new();
+    for end in ["-o g.exr", "--adjoint g.exr"] {
+        let r = b.expect(0, &format!("grad fog.xml --wrt sigma_t --terms light_shadow --spp 2 --json {end}"));
+        assert!(r.stderr.contains("(biased): interior"), "{}", r.stderr);
+        let v = r.json();
+        assert_eq!((&v["plan"][0]["term"], &v["plan"][0]["use"]), (&"interior".into(), &false.into()));
+        assert!(v["plan"][0]["reason"].as_str().unwrap().ends_with("left out by --terms"));
+        assert_eq!(v["warnings"][0]["kind"], "terms_left_out");
+    }
+    assert_eq!(b.exr("g.exr").attribute("termsRun").unwrap().as_text(), Some(""));
+    let r = b.expect(0, "grad fog.xml --wrt sigma_t --terms interior --spp 2 -o h.exr");
+    assert!(!r.stderr.contains("warning"), "{}", r.stderr);
+}
+
 #[test]
 fn a_stopped_run_leaves_a_whole_file() {
     for (signal, code) in [("INT", 130), ("TERM", 143)] {
@@ -376,6 +433,30 @@ fn a_stopped_run_leaves_a_whole_file() {
 }
 
 #[test]
+fn a_stopped_study_says_that_nothing_is_written() {
+    let b = Bench::new();
+    b.expect(0, "render fog.xml --spp 2 -q");
+    let before = b.files();
+    for line in [
+        "grad fog.xml --wrt sigma_t --loss l2 --target fog.exr --spp 4000000 -o g.json",
+        "check fog.xml --wrt sigma_t --max-time 60s -o c.json",
+        "converge fog.xml --time 60s",
+    ] {
+        let mut child = b.command(line).arg("-v").stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut stderr = BufReader::new(child.stderr.take().unwrap());
+        // The line about the loaded scene: signals are heard by then.
+        let mut text = String::new();
+        stderr.read_line(&mut text).unwrap();
+        let kill = format!("kill -INT {}", child.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+        stderr.read_to_string(&mut text).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{line}\n{text}");
+        assert!(text.contains("nothing is written"), "{line}\n{text}");
+        assert_eq!(b.files(), before, "{line}");
+    }
+}
+
+#[test]
 fn version_help_completions_and_man() {
     let b = Bench::new();
     let v = b.expect(0, "--version").stdout;
@@ -388,7 +469,13 @@ fn version_help_completions_and_man() {
     for shell in ["bash", "zsh", "fish"] {
         assert!(b.expect(0, &format!("completions {shell}")).stdout.contains("health-limit"));
     }
-    assert!(b.expect(0, "man").stdout.contains(".TH"));
+    let version = v.lines().next().unwrap();
+    for page in ["man", "man grad"] {
+        let text = b.expect(0, page).stdout;
+        let title = text.lines().find(|l| l.starts_with(".TH ")).unwrap();
+        assert!(title.trim_end().ends_with(&format!("\"{version}\"")), "{page}: {title}");
+        assert!(!text.contains("\nEmbree "), "{page}");
+    }
     b.expect(2, "man rendr");
 }
 

@@ -87,6 +87,8 @@ fn bad_input_is_named() {
         ("fit fog.xml --wrt glow --target a.exr", "no parameter `glow`"),
         ("fit fog.xml --wrt albedo --bounds albedo=0,0.5 --target a.exr", "outside its bounds"),
         ("fit fog.xml --wrt albedo --bounds albedo=0,1 --start x=1 --target a.exr", "start: `x`"),
+        ("fit fog.xml --wrt albedo --bounds albedo=0,1 --bounds sigma_t=0,1 --target a.exr", "--bounds: `sigma_t`"),
+        ("fit fog.xml --wrt albedo --bounds albedo=0.1,5 --target a.exr", "--bounds: `albedo` cannot be 5: "),
         ("fit none.toml", "none.toml"),
     ] {
         let (_, err) = f.run(2, line);
@@ -96,7 +98,13 @@ fn bad_input_is_named() {
         ("wrt = [\"albedo\"]", "names no scene"),
         ("scene = \"fog.xml\"\nwrt = [\"albedo\"]\ntarget = 3", "fit.toml:3:10"),
         ("scene = \"fog.xml\"\n\nwrong = 1", "fit.toml:3:1"),
+        ("scene = \"fog.xml\"\nmax_time = -3", "fit.toml:2:12: `max_time`"),
+        ("scene = \"fog.xml\"\nstop = { window = 0, tolerance = -1 }", "fit.toml:2:19: `stop`"),
         ("scene = \"fog.xml\"\nwrt = [\"albedo\"]\n[bounds]\nalbdeo = [0, 1]", "fit.toml:4:10"),
+        (
+            "scene = \"fog.xml\"\nwrt = [\"albedo\"]\ntarget = \"a.exr\"\nbounds = { albedo = [-1, 1] }",
+            "fit.toml:4:21: [bounds]: `albedo` cannot be -1: ",
+        ),
         (
             "scene = \"fog.xml\"\nwrt = [\"albedo\"]\ntarget = { values = { glow = 1 } }\nbounds = { albedo = [0, 1] }",
             "no parameter `glow`",
@@ -106,5 +114,5 @@ fn bad_input_is_named() {
         let (_, err) = f.run(2, "fit fit.toml");
         assert!(err.contains(part) && err.contains("help: "), "{text}\n{err}");
     }
-    assert!(!f.path("fit.fit").exists());
+    assert!(!f.path("fit.fit").exists() && !f.path("fog.fit").exists());
 }

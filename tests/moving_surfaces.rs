@@ -153,7 +153,9 @@ fn rigid_motion_of_everything_changes_nothing() {
 fn isothermal_enclosure() {
     let surface = |rho: f64| {
         let e = 1.0 - rho;
-        format!(r#"<emitter type="area"><rgb name="radiance" value="{e}"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="{rho}"/></bsdf>"#)
+        format!(
+            r#"<emitter type="area"><rgb name="radiance" value="{e}"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="{rho}"/></bsdf>"#
+        )
     };
     let (a, b, c) = (surface(0.6), surface(0.3), surface(0.8));
     let text = format!(

@@ -5,7 +5,7 @@ use super::format;
 use super::grad::tell_idle;
 use super::log::{Log, Pace};
 use super::options::{LogOptions, SceneOptions, StudyOptions, duration, parameters};
-use super::run::{Setup, to_json};
+use super::run::{Setup, left_out, to_json};
 use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -91,10 +91,13 @@ struct Report<'a> {
 
 impl CheckArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
-        Terms::parse(&self.study.terms)?;
+        let terms = Terms::parse(&self.study.terms)?;
         let wrt = parameters(&self.wrt)?;
         self.check_places()?;
         let setup = Setup::new(&self.scene, &self.study.render(self.spp), &wrt, log)?;
+        if let Some(w) = left_out(&setup, &terms) {
+            log.warn(w);
+        }
         tell_idle(&setup.scene.param_set(&setup.desc, &wrt)?, &wrt, log);
         let load = self.scene.load(self.study.repair_voxels);
         let family = Family::file(&self.scene.scene, &self.scene.define, load);
@@ -111,9 +114,7 @@ impl CheckArgs {
         };
         let mut pace = Pace::new(log);
         let found = check::check(&family, view, &wrt, &options, &check::ours(view), &mut |text| pace.say(text));
-        if let Some(code) = setup.stop.exit_code() {
-            return Ok(code);
-        }
+        setup.stop.check()?;
         let found = found?;
         if let Some(path) = &self.sheet {
             sheet(path, &found, &view)?;
@@ -227,5 +228,5 @@ fn sheet(path: &std::path::Path, found: &CheckReport, view: &View) -> Result<()>
         ];
         Sheet { panels, columns: 4, unit: "radiance / unit".into(), ..Sheet::default() }
     };
-    png::write_sheets(path, &found.parameters.iter().map(row).collect::<Vec<_>>())
+    png::write_sheets(path, &found.parameters.iter().map(row).collect::<Vec<_>>(), 1)
 }

@@ -4,7 +4,7 @@ use super::files;
 use super::format;
 use super::log::{Log, Pace};
 use super::options::{LogOptions, SceneOptions, StudyOptions, duration, parameters};
-use super::run::{Setup, to_json};
+use super::run::{Setup, left_out, to_json};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -70,7 +70,7 @@ struct Report<'a> {
 
 impl ConvergeArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
-        Terms::parse(&self.study.terms)?;
+        let terms = Terms::parse(&self.study.terms)?;
         let wrt = parameters(&self.wrt)?;
         let csv = self.output.clone().unwrap_or_else(|| files::default_name(&self.scene.scene, ".converge.csv"));
         files::need_extension("--output", &csv, "csv")?;
@@ -81,6 +81,9 @@ impl ConvergeArgs {
             files::check_place(path, self.study.overwrite)?;
         }
         let setup = Setup::new(&self.scene, &self.study.render(None), &wrt, log)?;
+        if let Some(w) = left_out(&setup, &terms) {
+            log.warn(w);
+        }
         let reference = self.reference.as_deref().map(|p| open(p, &setup)).transpose()?;
         let given = |layer: &str| reference.as_ref().and_then(|r| layer_of(r, layer, &setup));
         let load = self.scene.load(self.study.repair_voxels);
@@ -90,9 +93,7 @@ impl ConvergeArgs {
         let options = ConvergeOptions { seed: setup.seed, time: self.time };
         let mut pace = Pace::new(log);
         let study = converge::converge(&family, view, &wrt, &options, &given, &mut |text| pace.say(text));
-        if let Some(code) = setup.stop.exit_code() {
-            return Ok(code);
-        }
+        setup.stop.check()?;
         let study = study?;
         output::write_bytes(&csv, table_csv(&study.curves).as_bytes())?;
         for (path, parameter) in &plots {

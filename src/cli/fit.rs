@@ -166,6 +166,7 @@ impl FitArgs {
         let json = to_json(&report)?;
         output::write_bytes(&folder.join("fit.json"), format!("{json}\n").as_bytes())?;
         if let Some(code) = prepared.setup.stop.exit_code() {
+            log.warn(format!("stopped by a signal: the runs so far are in {}", folder.display()));
             return Ok(code);
         }
         if self.frames > 0 {

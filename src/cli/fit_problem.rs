@@ -3,7 +3,7 @@
 use super::fit::FitArgs;
 use super::log::Log;
 use super::options::{SceneOptions, parameters};
-use super::run::Setup;
+use super::run::{Setup, left_out};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tyndall::error::{Error, Result};
@@ -13,10 +13,11 @@ use tyndall::inverse::adam::StopRule;
 use tyndall::inverse::album::{self, Targets};
 use tyndall::inverse::fit::{Problem, Unknown};
 use tyndall::inverse::loss::{self, Loss};
-use tyndall::inverse::settings::{Rendered, Settings, Target};
+use tyndall::inverse::settings::{Rendered, Settings, Target, bare};
 use tyndall::math::Rgb;
 use tyndall::render::family::{Family, View};
 use tyndall::render::health::Health;
+use tyndall::render::plan::Terms;
 use tyndall::scene::desc::suggest;
 
 /// Defaults of options.
@@ -99,11 +100,20 @@ impl Prepared {
             (Some(t), [all]) if all == "all" => t.clone(),
             (_, t) => t.to_vec(),
         };
-        tyndall::render::plan::Terms::parse(&terms)?;
+        let chosen = Terms::parse(&terms)?;
         let mut render = args.study.render(args.spp);
         render.sensor = render.sensor.or(s.sensor.clone());
         let setup = Setup::new(&given.scene, &render, &wrt, log)?;
+        if let Some(w) = left_out(&setup, &chosen) {
+            log.warn(w);
+        }
+        if let Some((name, _)) = args.bounds.iter().find(|(n, _)| !wrt.contains(n)) {
+            let what = format!("--bounds: `{name}` is not among the parameters to find");
+            return Err(Error::usage(what, suggest(name, wrt.iter().map(String::as_str))));
+        }
+        let family = Family::file(&given.scene.scene, &given.scene.define, given.scene.load(args.study.repair_voxels));
         let unknowns = wrt.iter().map(|n| unknown(n, &setup, s, args)).collect::<Result<Vec<_>>>()?;
+        unknowns.iter().try_for_each(|u| try_bounds(u, &family, s, args))?;
         let starts = starts(&unknowns, &setup, s, args)?;
         let rendered = if let Target::Values(r) = &target { Some(r) } else { None };
         if let Some(name) = rendered.and_then(|r| r.values.keys().find(|n| !has(&setup, n))) {
@@ -117,20 +127,16 @@ impl Prepared {
         let truth = |n: &String| rendered.and_then(|r| r.values.get(n).copied().or_else(|| scene_value(n)));
         let seeds = match (&args.seeds[..], args.study.seed, &s.seeds) {
             ([], Some(seed), _) => vec![seed],
-            ([], None, Some(seeds)) if !seeds.is_empty() => seeds.clone(),
+            ([], None, Some(seeds)) => seeds.get_ref().clone(),
             ([], ..) => vec![setup.seed],
             (seeds, ..) => seeds.to_vec(),
         };
         let rule = StopRule {
-            window: args.window.map(|n| n as usize).or(s.stop.window).unwrap_or(StopRule::default().window).max(4),
-            tolerance: args.tolerance.or(s.stop.tolerance).unwrap_or(StopRule::default().tolerance),
+            window: args.window.map(|n| n as usize).or(bare(&s.stop.window)).unwrap_or(StopRule::default().window),
+            tolerance: args.tolerance.or(bare(&s.stop.tolerance)).unwrap_or(StopRule::default().tolerance),
         };
         Ok(Prepared {
-            family: Family::file(
-                &given.scene.scene,
-                &given.scene.define,
-                given.scene.load(args.study.repair_voxels),
-            ),
+            family,
             truth: wrt.iter().map(truth).collect(),
             target_name: match &target {
                 Target::File(f) => f.clone(),
@@ -141,10 +147,10 @@ impl Prepared {
             starts,
             seeds,
             loss: args.loss.map(Into::into).or(s.loss).unwrap_or_default(),
-            spp: args.spp.or(s.spp).unwrap_or(SPP).max(2),
-            iterations: args.iterations.map(|n| n as usize).or(s.iterations).unwrap_or(ITERATIONS),
-            max_time: args.max_time.or(s.max_time.map(Duration::from_secs_f64)).unwrap_or(MAX_TIME),
-            half_life: args.half_life.or(s.half_life).unwrap_or(HALF_LIFE),
+            spp: args.spp.or(bare(&s.spp)).unwrap_or(SPP),
+            iterations: args.iterations.map(|n| n as usize).or(bare(&s.iterations)).unwrap_or(ITERATIONS),
+            max_time: args.max_time.or(s.max_time.map(|t| t.0)).unwrap_or(MAX_TIME),
+            half_life: args.half_life.or(bare(&s.half_life)).unwrap_or(HALF_LIFE),
             rule,
             terms,
             setup,
@@ -178,7 +184,7 @@ impl Prepared {
                 // A seed that no run has, unless the user wants it so.
                 let seed = seed.unwrap_or(0x7461_7267_6574);
                 for view in album::views(&member, self.view()) {
-                    let o = view.picture(&member.scene, spp.unwrap_or(TARGET_SPP), seed)?;
+                    let o = view.picture(&member.scene, bare(spp).unwrap_or(TARGET_SPP), seed)?;
                     health.merge(&o.film.health);
                     targets[view.sensor] = Some(album::image(&o));
                 }
@@ -234,6 +240,27 @@ fn unknown(name: &str, setup: &Setup, s: &Settings, args: &FitArgs) -> Result<Un
     })?;
     let rate = args.rate.or(s.rate.get(name).map(|r| *r.get_ref())).unwrap_or(RATE);
     Ok(Unknown { name: name.into(), min, max, rate })
+}
+
+/// The scene has to exist at both ends of the bounds, the others at their values: a fit may go there.
+fn try_bounds(u: &Unknown, family: &Family, s: &Settings, args: &FitArgs) -> Result<()> {
+    for x in [u.min, u.max] {
+        let Err(e) = family.at(&[(&u.name, x)]) else { continue };
+        let why = match e {
+            Error::Scene { span, what, .. } => format!("{span}: {what}"),
+            e => e.to_string(),
+        };
+        let what = format!("`{}` cannot be {x}: {why}", u.name);
+        let remedy = "give bounds between which the scene can be rendered";
+        return Err(if args.bounds.iter().any(|b| b.0 == u.name) {
+            Error::usage(format!("--bounds: {what}"), remedy)
+        } else if let Some(place) = s.places.get(&u.name) {
+            Error::scene(place, format!("[bounds]: {what}"), remedy)
+        } else {
+            Error::usage(format!("bounds of the scene's <?diff?> hint: {what}"), remedy)
+        });
+    }
+    Ok(())
 }
 
 /// Every start in full: what it does not name begins at the scene's value.

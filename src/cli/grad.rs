@@ -16,6 +16,7 @@ use tyndall::image::{exr, output};
 use tyndall::math::Rgb;
 use tyndall::params::ParamSet;
 use tyndall::render::driver::Mode;
+use tyndall::render::family::stream;
 use tyndall::render::plan::Terms;
 
 /// Derivatives with respect to `$parameters` of the scene
@@ -34,14 +35,16 @@ pub struct GradArgs {
     /// gradient: a .json [default: standard output]
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
-    /// Gradient of this loss against --target. Of the samples, half make the picture that the loss is taken from (with a
-    /// seed of its own, so that the gradient is unbiased), half the gradient; --max-time is shared alike
+    /// Gradient of this loss against --target. Of the samples, half make the picture that the loss is taken from, half the
+    /// gradient; --max-time is shared alike. Both have random numbers of their own, which no `render --seed` of a target shares,
+    /// so that the gradient is unbiased
     #[arg(long, value_enum, requires = "target", conflicts_with_all = ["adjoint", "preview", "split_terms"])]
     loss: Option<Loss>,
     /// Reference picture of --loss
     #[arg(long, value_name = "REF.exr", requires = "loss")]
     target: Option<PathBuf>,
-    /// Gradient of sum over pixels and channels of A * I, A = this image
+    /// Gradient of sum over pixels and channels of A * I, A = this image. Make A with another --seed than this run's:
+    /// an image of the same random numbers biases the gradient
     #[arg(long, value_name = "A.exr", conflicts_with_all = ["preview", "split_terms"])]
     adjoint: Option<PathBuf>,
     /// Terms of the derivative: all, or a list; `tyndall plan` shows them
@@ -79,6 +82,9 @@ impl GradArgs {
         let mut setup = Setup::new(&self.scene, &self.render, wrt, log)?;
         let params = setup.scene.param_set(&setup.desc, wrt)?;
         tell_idle(&params, wrt, log);
+        if let Some(w) = run::left_out(&setup, &terms) {
+            log.warn(w);
+        }
         let (adjoint, loss) = match (&self.adjoint, self.loss, &self.target) {
             (Some(path), ..) => (self.image(path, &setup)?, None),
             (None, Some(kind), Some(target)) => {
@@ -87,17 +93,15 @@ impl GradArgs {
             }
             _ => return Err(Error::usage("a gradient needs --adjoint, or --loss and --target", "give one of them")),
         };
-        if let Some(code) = setup.stop.exit_code() {
-            return Ok(code);
-        }
+        setup.stop.check()?;
         let mut job = setup.job(Mode::Reverse(&params, &adjoint), &self.render);
         job.terms = terms;
-        if loss.is_some() {
-            job.max_time = self.half_time();
+        if let Some(l) = &loss {
+            (job.seed, job.max_time) = (l.gradient_seed, self.half_time());
         }
         let done = run::run(&job, &self.render, &setup.stop, log)?;
         let files = outputs.as_ref().map_or(Vec::new(), Outputs::all);
-        let mut report = run::report(&setup, &done, &self.render, &files, wrt);
+        let mut report = run::report(&setup, &done, &self.render, &files, wrt, &job.terms);
         report.loss = loss;
         gradient(&mut report, &params, &done.outcome.gradient);
         let json = run::to_json(&report)?;
@@ -123,7 +127,8 @@ impl GradArgs {
         self.render.max_time.map(|t| t / 2)
     }
 
-    /// Render the picture with half of the samples and another seed; leaves the other half to the gradient.
+    /// Render the picture with half of the samples; leaves the other half to the gradient. Picture, gradient and target must be
+    /// independent ([T] 1.5): the target may be a `render` of the same seed, so neither uses the seed itself.
     fn adjoint_of_loss(
         &self,
         kind: Loss,
@@ -134,8 +139,7 @@ impl GradArgs {
         let reference = self.image(target, setup)?;
         let total = setup.spp;
         let spp = total.div_ceil(2);
-        // The seed goes through the generator's own mixing: any other value gives an independent stream.
-        let seed = setup.seed ^ 1 << 40;
+        let (seed, gradient_seed) = (stream(setup.seed, 7, 0), stream(setup.seed, 8, 0));
         let mut job = setup.job(Mode::Picture, &self.render);
         (job.spp, job.seed, job.max_time) = (spp, seed, self.half_time());
         log.detail(format!("rendering the picture of the loss: {spp} samples a pixel, seed {seed}"));
@@ -143,7 +147,7 @@ impl GradArgs {
         let (value, adjoint) = kind.evaluate(&done.outcome.film, &reference)?;
         setup.spp = (total - spp).max(1);
         let target = target.display().to_string();
-        Ok((adjoint, LossReport { kind, value, target, spp: done.outcome.spp, seed }))
+        Ok((adjoint, LossReport { kind, value, target, spp: done.outcome.spp, seed, gradient_seed }))
     }
 }
 

@@ -47,4 +47,6 @@ pub struct LossReport {
     /// Samples a pixel of the picture that the loss was taken from, and its seed.
     pub spp: u64,
     pub seed: u64,
+    /// Seed of the gradient pass.
+    pub gradient_seed: u64,
 }

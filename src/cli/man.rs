@@ -27,7 +27,9 @@ impl ManArgs {
             },
         };
         let mut text = Vec::new();
-        clap_mangen::Man::new(page)
+        // The version of `--version` has a line for every library: too many for a title.
+        clap_mangen::Man::new(page.version(env!("TYNDALL_VERSION")))
+            .source(concat!("tyndall ", env!("TYNDALL_VERSION")))
             .render(&mut text)
             .map_err(|source| Error::Io { what: "cannot write the manual page".into(), source })?;
         log.result(String::from_utf8_lossy(&text).trim_end())?;

@@ -32,7 +32,7 @@ use tyndall::error::Result;
 
 const AFTER_HELP: &str = "\
 Exit codes: 0 done; 1 failure at run time; 2 usage or scene error; 3 a check failed or the health limit was passed;
-4 the output exists or parts do not belong together; 130/143 stopped by SIGINT/SIGTERM, the output so far is written.";
+4 the output exists or parts do not belong together; 130/143 stopped by SIGINT/SIGTERM: render, grad and fit write what they have, check and converge nothing.";
 
 /// Differentiable volumetric renderer: pictures of fog, smoke and fire, and their derivatives.
 #[derive(Parser)]

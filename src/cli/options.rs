@@ -4,6 +4,7 @@ use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
 use tyndall::error::{Error, Result};
+pub use tyndall::inverse::duration::duration;
 use tyndall::scene::compile::{LoadOptions, Orders};
 
 /// Log and result format.
@@ -62,11 +63,12 @@ pub struct RenderOptions {
     /// Set voxels that are NaN, infinite or negative to 0 instead of refusing the file, and count them
     #[arg(long)]
     pub repair_voxels: bool,
-    /// Stop after the batch (1/32 of the samples) in which this time is over, e.g. 90s, 5m, 1h
+    /// Stop when this time is over, e.g. 90s, 5m, 1h: with the batches (1/32 of the samples each) that are done by then, but not
+    /// before one is. Error bars need two
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub max_time: Option<Duration>,
     /// Stop after the batch in which the picture's relative error (root mean square error over mean) falls below this,
-    /// e.g. 0.01
+    /// e.g. 0.01, but not before 8 of the 32 batches: fewer do not tell the error well
     #[arg(long, value_name = "ERROR", value_parser = positive)]
     pub target_error: Option<f64>,
     /// Share of samples that may be biased (left out, cut) before the exit code is 3
@@ -178,20 +180,6 @@ fn orders(text: &str) -> std::result::Result<Orders, String> {
     Ok(Orders { first, last })
 }
 
-pub fn duration(text: &str) -> std::result::Result<Duration, String> {
-    let form = "write a number and its unit: 500ms, 90s, 5m or 1h";
-    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
-    let unit = match &text[digits.len()..] {
-        "ms" => 1e-3,
-        "s" => 1.0,
-        "m" | "min" => 60.0,
-        "h" => 3600.0,
-        _ => return Err(form.into()),
-    };
-    let seconds = positive(digits).map_err(|_| form)? * unit;
-    Duration::try_from_secs_f64(seconds).map_err(|_| form.into())
-}
-
 pub fn positive(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
@@ -231,17 +219,6 @@ pub fn parameters(wrt: &[String]) -> Result<Vec<String>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn durations_have_units() {
-        assert_eq!(duration("90s"), Ok(Duration::from_secs(90)));
-        assert_eq!(duration("1.5m"), Ok(Duration::from_secs(90)));
-        assert_eq!(duration("500ms"), Ok(Duration::from_millis(500)));
-        assert_eq!(duration("1h"), Ok(Duration::from_secs(3600)));
-        for bad in ["", "60", "s", "-1s", "0s", "1d", "infs", "nans", "1e300h"] {
-            assert!(duration(bad).is_err(), "{bad}");
-        }
-    }
 
     #[test]
     fn crops_are_boxes() {

@@ -72,7 +72,8 @@ impl<'a> Display<'a> {
 
     fn show(&self, p: &Progress) {
         let rate = p.samples as f64 / p.elapsed.as_secs_f64();
-        let left = time_left(p, &self.goal);
+        // Past its goal a run still finishes the batches that it needs; how long that takes is not known.
+        let left = Some(time_left(p, &self.goal)).filter(|&t| t > 0.0 || t.is_nan() || p.done >= 1.0);
         if self.kind == ProgressKind::Json {
             let finite = |x: f64| x.is_finite().then_some(x);
             self.log.info(serde_json::json!({
@@ -81,16 +82,16 @@ impl<'a> Display<'a> {
                 "samples": p.samples,
                 "samples_per_second": finite(rate),
                 "relative_error": finite(p.error),
-                "seconds_left": finite(left),
+                "seconds_left": left.and_then(finite),
             }));
             return;
         }
         let text = format!(
-            "{:5.1} %  {}samples/s  error {}  {} left",
+            "{:5.1} %  {}samples/s  error {}  {}",
             p.done * 100.0,
             format::count(rate),
             format::percent(p.error),
-            format::time(left)
+            left.map_or("finishing".into(), |t| format!("{} left", format::time(t)))
         );
         match &self.bar {
             Some(bar) => {

@@ -46,12 +46,13 @@ pub fn picture(
     log: &Log,
 ) -> Result<u8> {
     // Stopped while loading: there is nothing to write.
-    if let Some(code) = setup.stop.exit_code() {
-        return Ok(code);
+    setup.stop.check()?;
+    if let Some(w) = run::left_out(setup, &terms) {
+        log.warn(w);
     }
     let job = Job { terms, split, ..setup.job(mode, options) };
     let done = run::run(&job, options, &setup.stop, log)?;
-    let report = run::report(setup, &done, options, &outputs.all(), wrt);
+    let report = run::report(setup, &done, options, &outputs.all(), wrt, &job.terms);
     let (mut image, beyond) = files::image(&done.outcome, setup.crop, setup.full_size());
     image.attributes = run::attributes(&report);
     if beyond > 0 {

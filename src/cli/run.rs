@@ -12,7 +12,7 @@ use tyndall::error::{Error, Result, Span, Warning, WarningKind};
 use tyndall::image::exr::Attribute;
 use tyndall::native;
 use tyndall::render::driver::{Job, Mode, Outcome};
-use tyndall::render::plan::{Plan, Terms};
+use tyndall::render::plan::{self, Plan, Terms};
 use tyndall::render::report::{self, Parameter, PlanLine, Report, TermReport};
 use tyndall::scene::desc::suggest;
 use tyndall::scene::parts::Parts;
@@ -144,6 +144,9 @@ pub fn run(job: &Job, o: &RenderOptions, stop: &Stop, log: &Log) -> Result<Done>
         stop.exit_code();
     }
     let outcome = outcome?;
+    if outcome.film.batches().len() < 2 {
+        log.warn("only one batch was done: error bars need two, so there are no var.* layers and no standard errors");
+    }
     let cpu_seconds = cpu_seconds().zip(before).map(|(b, a)| b - a);
     // A run that stopped because it reached its error has done what it was asked for.
     let complete = outcome.complete || outcome.target_reached == Some(true);
@@ -209,8 +212,31 @@ fn layers(o: &Outcome) -> Vec<Layer> {
     o.film.spec().layers.iter().enumerate().map(layer).collect()
 }
 
+/// Chosen terms that do not suffice make a biased derivative, which must be wanted.
+pub fn left_out(s: &Setup, terms: &Terms) -> Option<Warning> {
+    let needed = s.plan.lines.iter().filter(|l| l.decision == "use" && !terms.wants(&l.term));
+    let mut names: Vec<&str> = needed.map(|l| l.term.as_str()).collect();
+    names.dedup();
+    (!names.is_empty()).then(|| Warning {
+        kind: WarningKind::TermsLeftOut,
+        span: Span { file: s.desc.path.clone(), line: 0, column: 0 },
+        what: format!(
+            "--terms leaves out what the derivative needs, so it is a part only (biased): {}",
+            names.join(", ")
+        ),
+        hint: "leave --terms out for the whole derivative".into(),
+    })
+}
+
 /// The report of a run: what ran, why, how well.
-pub fn report(s: &Setup, done: &Done, o: &RenderOptions, outputs: &[&Path], wrt: &[String]) -> RunReport {
+pub fn report(
+    s: &Setup,
+    done: &Done,
+    o: &RenderOptions,
+    outputs: &[&Path],
+    wrt: &[String],
+    chosen: &Terms,
+) -> RunReport {
     let outcome = &done.outcome;
     let samples = outcome.spp * s.pixels() as u64;
     let mut r = Report::new();
@@ -234,17 +260,15 @@ pub fn report(s: &Setup, done: &Done, o: &RenderOptions, outputs: &[&Path], wrt:
     r.render_time_seconds = outcome.seconds;
     r.complete = done.complete;
     r.target_reached = outcome.target_reached;
-    r.plan = s
-        .plan
-        .lines
-        .iter()
-        .map(|l| PlanLine { term: l.term.clone(), used: l.decision == "use", reason: l.reason.clone() })
-        .collect();
+    let line = |l: &plan::PlanLine| {
+        let (needed, used) = (l.decision == "use", chosen.wants(&l.term));
+        let reason = if needed && !used { format!("{}: left out by --terms", l.reason) } else { l.reason.clone() };
+        PlanLine { term: l.term.clone(), used: needed && used, reason }
+    };
+    r.plan = s.plan.lines.iter().map(line).collect();
     r.set_health(&outcome.film.health, samples, o.health_limit);
     r.warnings = s.scene.warnings.iter().map(Into::into).collect();
-    if let Some(w) = light_on_ray(s, outcome) {
-        r.warnings.push((&w).into());
-    }
+    r.warnings.extend(light_on_ray(s, outcome).iter().chain(&left_out(s, chosen)).map(Into::into));
     r.peak_memory_bytes = report::peak_memory_bytes();
     r.outputs = outputs.iter().map(|p| p.display().to_string()).collect();
     let layers = layers(outcome);

@@ -37,6 +37,11 @@ impl Stop {
         &self.flag
     }
 
+    /// After a signal, an error: there is nothing to write.
+    pub fn check(&self) -> Result<()> {
+        self.exit_code().map_or(Ok(()), |_| Err(Error::Interrupted))
+    }
+
     /// 128 + the signal that came.
     pub fn exit_code(&self) -> Option<u8> {
         match self.signal.load(Ordering::SeqCst) {

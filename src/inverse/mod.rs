@@ -2,6 +2,7 @@
 
 pub mod adam;
 pub mod album;
+pub mod duration;
 pub mod fit;
 pub mod history;
 pub mod loss;

@@ -128,11 +128,8 @@ mod tests {
         mover.point(p, &covector, &mut s);
         let v = b + a * (p - mover.pivot);
         assert!((s.1 - c.dot(v)).abs() < 1e-14);
-        let by_forms: f64 = mover
-            .forms(p, c)
-            .iter()
-            .flat_map(|f| (0..3).map(move |k| f.v[k] * slots[f.slot as usize + k]))
-            .sum();
+        let by_forms: f64 =
+            mover.forms(p, c).iter().flat_map(|f| (0..3).map(move |k| f.v[k] * slots[f.slot as usize + k])).sum();
         assert!((by_forms - c.dot(v)).abs() < 1e-14);
 
         // The cross product of moved tangents, differentiated.

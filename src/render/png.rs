@@ -203,7 +203,8 @@ impl Panel {
     }
 }
 
-/// Panels side by side, row by row; all derivative panels share one symmetric range and one colour bar, scores have theirs.
+/// Panels side by side, row by row; all derivative panels share one symmetric range and one colour bar, scores have theirs. What has
+/// other units belongs on another sheet.
 #[derive(Clone, Debug, Default)]
 pub struct Sheet {
     pub panels: Vec<Panel>,
@@ -215,17 +216,28 @@ pub struct Sheet {
     pub range: Option<f64>,
 }
 
-/// Sheets below each other, each with its own ranges and colour bars.
-pub fn write_sheets(path: &Path, sheets: &[Sheet]) -> Result<()> {
+/// Sheets in rows of so many, each with its own ranges and colour bars.
+pub fn write_sheets(path: &Path, sheets: &[Sheet], columns: usize) -> Result<()> {
+    join(sheets, columns.max(1)).write(path)
+}
+
+fn join(sheets: &[Sheet], columns: usize) -> Canvas {
     let drawn: Vec<Canvas> = sheets.iter().map(Sheet::draw).collect();
-    let width = drawn.iter().map(|c| c.width).max().unwrap_or(1);
-    let mut all = Canvas::new(width, drawn.iter().map(|c| c.height).sum::<usize>().max(1));
+    let rows: Vec<&[Canvas]> = drawn.chunks(columns).collect();
+    let height = |row: &[Canvas]| row.iter().map(|c| c.height).max().unwrap_or(0);
+    let width = |row: &[Canvas]| row.iter().map(|c| c.width).sum::<usize>();
+    let total = rows.iter().map(|r| height(r)).sum::<usize>();
+    let mut all = Canvas::new(rows.iter().map(|r| width(r)).max().unwrap_or(1).max(1), total.max(1));
     let mut y = 0;
-    for c in &drawn {
-        all.blit(0, y, 1, c.width, &c.pixels);
-        y += c.height;
+    for row in rows {
+        let mut x = 0;
+        for c in row {
+            all.blit(x, y, 1, c.width, &c.pixels);
+            x += c.width;
+        }
+        y += height(row);
     }
-    all.write(path)
+    all
 }
 
 /// Pixels a dot of text, and the space between things.

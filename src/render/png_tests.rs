@@ -113,6 +113,21 @@ fn sheet_shares_one_range() {
     Sheet::default().draw();
 }
 
+#[test]
+fn joined_sheets_keep_their_ranges() {
+    let sheet = |x: f32| {
+        let content = Content::Derivative(vec![x; 4]);
+        Sheet { panels: vec![Panel { title: "d".into(), width: 2, height: 2, content }], ..Sheet::default() }
+    };
+    let (a, b) = (sheet(1.0), sheet(1e-3));
+    let (one, other) = (a.draw(), b.draw());
+    let all = join(&[a.clone(), b.clone(), a], 2);
+    assert_eq!((all.width, all.height), (one.width + other.width, 2 * one.height));
+    // The small one is as red as the large one.
+    let at = |x: usize, y: usize| all.pixels[(y + GAP + LINE + GAP) * all.width + x + 2 * GAP];
+    assert_eq!((at(0, 0), at(one.width, 0), at(0, one.height)), ([diverging(1.0); 3]).into());
+}
+
 fn sheet_size(sheet: &Sheet) -> (usize, usize) {
     let canvas = sheet.draw();
     (canvas.width, canvas.height)

@@ -15,6 +15,7 @@ use crate::phase::Phase;
 use crate::sensor::{Projection, Sensor};
 use crate::shape::{Bounds, Cube, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, obj, ply};
 use crate::surface::Surface;
+use std::path::Path;
 use std::sync::Arc;
 
 /// Paths longer than this many steps are cut and counted.
@@ -70,7 +71,8 @@ impl Scene {
         for (i, l) in parts.lights.iter().enumerate() {
             lights.push(light(l, Owner::Light(i), &slots)?);
         }
-        let sensors: Vec<Sensor> = parts.sensors.iter().enumerate().map(|(i, s)| sensor(s, Owner::Sensor(i), &slots)).collect();
+        let sensors: Vec<Sensor> =
+            parts.sensors.iter().enumerate().map(|(i, s)| sensor(s, Owner::Sensor(i), &slots)).collect();
         let films = parts.sensors.iter().map(|s| Film { part: s.film, spp: s.spp, seed: s.seed }).collect();
 
         let mut bounds = shapes.iter().fold(Bounds::EMPTY, |b, s: &Instance| b.union(&s.shape.bounds()));
@@ -159,9 +161,10 @@ fn slot_of(t: &SlotTable, owner: Owner, q: Quantity) -> u32 {
 fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut Vec<Warning>) -> Result<Instance> {
     let to_world = s.to_world.affine();
     let fail = |what: String| Error::scene(&s.span, what, "correct the shape or its to_world");
-    let mesh = |m: std::result::Result<TriangleMesh, String>| -> Result<Shape> {
+    let mesh = |path: &Path, m: std::result::Result<TriangleMesh, String>| -> Result<Shape> {
         let mut m = m.and_then(|m| m.transformed(&to_world)).map_err(|e| {
-            Error::scene(&s.span, format!("shape `{}`: {e}", s.name), "export the mesh again, or name another file")
+            let what = format!("shape `{}`, {}: {e}", s.name, path.display());
+            Error::scene(&s.span, what, "export the mesh again, or name another file")
         })?;
         if s.flip_normals {
             m = m.flip_normals();
@@ -169,8 +172,8 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
         Ok(Shape::Mesh(m))
     };
     let shape = match &s.kind {
-        ShapeKind::Obj(path) => mesh(obj::load(path))?,
-        ShapeKind::Ply(path) => mesh(ply::load(path))?,
+        ShapeKind::Obj(path) => mesh(path, obj::load(path))?,
+        ShapeKind::Ply(path) => mesh(path, ply::load(path))?,
         ShapeKind::Sphere { center, radius } => {
             Shape::Sphere(Sphere::new(center.value(), *radius, to_world, s.flip_normals).map_err(fail)?)
         }

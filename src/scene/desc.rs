@@ -116,6 +116,19 @@ impl SceneDesc {
         Ok(index)
     }
 
+    /// An error about a property, with the parameters that stand there and their values.
+    pub(super) fn name_parameters(&self, e: Error) -> Error {
+        let Error::Scene { span, what, remedy } = e else { return e };
+        let params = self.root.parameters_at(&span).unwrap_or_default();
+        let named: Vec<String> = params
+            .iter()
+            .filter_map(|&i| self.params.get(i))
+            .map(|p| format!("`${}` = {}", p.name, p.text.trim()))
+            .collect();
+        let what = if named.is_empty() { what } else { format!("{what} ({})", named.join(", ")) };
+        Error::Scene { span, what, remedy }
+    }
+
     /// Call after compilation: every property and object that nobody has read is an error.
     pub fn finish(&self) -> Result<()> {
         self.root.check_read(true, &mut HashSet::new())
@@ -201,6 +214,18 @@ mod tests {
             let e = parse(MOVING, &given).unwrap_err().to_string();
             assert!(e.contains(part) && e.contains("help: "), "{e}");
         }
+    }
+
+    #[test]
+    fn errors_name_the_parameters_of_their_property() {
+        let body = r#"<default name="a" value="0.5"/>
+            <medium type="homogeneous"><rgb name="albedo" value="0.1, $a, $a"/></medium>"#;
+        let desc = parse(body, &[("a", "5")]).unwrap();
+        let medium = desc.root.child("medium").unwrap().unwrap();
+        let e = desc.name_parameters(medium.err("albedo", "too large", "make it smaller")).to_string();
+        assert!(e.contains("too large (`$a` = 5)\n"), "{e}");
+        let e = desc.name_parameters(medium.err("none", "missing", "add it")).to_string();
+        assert!(e.contains(": missing\n"), "{e}");
     }
 
     #[test]

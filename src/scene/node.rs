@@ -120,6 +120,17 @@ impl Node {
         Error::scene(&self.span_of(prop), what, remedy)
     }
 
+    /// The parameters in the property that stands there, each once.
+    pub(super) fn parameters_at(&self, span: &Span) -> Option<Vec<usize>> {
+        match self.props.iter().find(|p| p.span == *span) {
+            Some(p) => Some(p.value.parameters()),
+            // What a <ref> names has its own place in the tree.
+            None => {
+                self.children.iter().filter(|c| c.refers_to.is_none()).find_map(|c| c.node.get()?.parameters_at(span))
+            }
+        }
+    }
+
     /// An error about the node's `type`.
     pub fn unknown_plugin(&self, valid: &[&str]) -> Error {
         let what = match self.plugin.is_empty() {

@@ -204,7 +204,7 @@ pub enum Movable {
 impl<R: Real> Parts<R> {
     pub fn read(desc: &SceneDesc, env: &Env<R>) -> Result<Self> {
         let mut r = Reader { env, parts: Parts::empty(), surface_of: HashMap::new(), medium_of: HashMap::new() };
-        r.scene(&desc.root)?;
+        r.scene(&desc.root).map_err(|e| desc.name_parameters(e))?;
         Ok(r.parts)
     }
 

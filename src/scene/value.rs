@@ -26,6 +26,25 @@ pub enum Value {
     Transform(Vec<(Span, Op)>),
 }
 
+impl Value {
+    /// The parameters among its numbers, each once. Those of a transform belong to its operations.
+    pub(super) fn parameters(&self) -> Vec<usize> {
+        let numbers: &[Num] = match self {
+            Value::Float(x) => std::slice::from_ref(x),
+            Value::Color(c) | Value::Triple(c) => c,
+            _ => &[],
+        };
+        let mut found = Vec::new();
+        for x in numbers {
+            match *x {
+                Num::Param(i) if !found.contains(&i) => found.push(i),
+                _ => {}
+            }
+        }
+        found
+    }
+}
+
 /// A finite number, the whole text; else what is wrong.
 pub(super) fn number(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {

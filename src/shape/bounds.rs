@@ -45,7 +45,8 @@ impl Bounds {
     /// Half the diagonal.
     /// Four points in general position on a box's scale.
     pub fn probes(&self) -> [DVec3; 4] {
-        let (c, r) = if self.is_empty() { (DVec3::ZERO, 1.0) } else { (self.center(), self.radius().max(f64::MIN_POSITIVE)) };
+        let (c, r) =
+            if self.is_empty() { (DVec3::ZERO, 1.0) } else { (self.center(), self.radius().max(f64::MIN_POSITIVE)) };
         [c, c + DVec3::X * r, c + DVec3::Y * r, c + DVec3::Z * r]
     }
 

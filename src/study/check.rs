@@ -256,7 +256,7 @@ impl Bench<'_> {
             let blocks = Agreement::new(&ours.blocks[k + 1], &theirs.blocks[0], &biases, o.tolerance);
             let errors = [ours.blocks[k + 1].mean_variance().sqrt(), theirs.blocks[0].mean_variance().sqrt()];
             say(format!(
-                "{name}: error {:.2} % of mean |d| (ours {:.2}, differences {:.2}, step {:.2}), max |z| {:.2}",
+                "{name}: error {:.2} % of mean |d| (ours {:.2}, differences {:.2}, step bias {:.2}), max |z| {:.2}",
                 100.0 * blocks.relative_error,
                 100.0 * errors[0] / blocks.mean_abs,
                 100.0 * errors[1] / blocks.mean_abs,

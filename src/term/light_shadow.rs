@@ -5,8 +5,8 @@
 //! sheet adds is `-v_n` times the light's irradiance times what its points scatter into the picture: [T] (35) where a camera ray
 //! crosses it, [T] (36) from the outline outward, through any number of scatterings, receivers included.
 
-use super::outline::Outlines;
 use super::ends;
+use super::outline::Outlines;
 use super::sheet::{Grazed, Partials, Ray, Reach};
 use super::sheet_samples::{self, At, Found};
 use super::{Context, Motion, Room, Sample};
@@ -49,7 +49,11 @@ impl LightShadow {
             // Where a receiver or the light moves, every outline counts.
             let all = slot.is_some() || motion.surfaces();
             let outlines = Outlines::of_light(scene, motion, i as u32, |shape| all || motion.moves(shape));
-            lights.extend(outlines.filter(|_| all).map(|outlines| Shadow { outlines, slot, surfaces: motion.surfaces() }));
+            lights.extend(outlines.filter(|_| all).map(|outlines| Shadow {
+                outlines,
+                slot,
+                surfaces: motion.surfaces(),
+            }));
         }
         let power = |s: &Shadow| scene.lights[s.outlines.light() as usize].value.max().max(f64::MIN_POSITIVE);
         let table = Discrete::new(lights.iter().map(power));

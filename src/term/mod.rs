@@ -202,7 +202,13 @@ pub trait Room: Send + Sync {
 pub const ROOMS: [&str; 4] = [light_shadow::NAME, hard_profile::NAME, pixel_edge::NAME, surface_edge::NAME];
 
 /// The rooms that have anything to do for this motion, of those that `wanted` names.
-pub fn rooms(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion, wanted: impl Fn(&str) -> bool) -> Vec<Box<dyn Room>> {
+pub fn rooms(
+    scene: &Scene,
+    sensor: &Sensor,
+    margin: f64,
+    motion: &Motion,
+    wanted: impl Fn(&str) -> bool,
+) -> Vec<Box<dyn Room>> {
     let mut v: Vec<Box<dyn Room>> = Vec::new();
     if wanted(light_shadow::NAME) {
         v.extend(light_shadow::LightShadow::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));

@@ -297,7 +297,6 @@ impl Outlines {
             }
         }
     }
-
 }
 
 impl Source {

@@ -8,10 +8,10 @@
 //! Directions come from the edge alone, or toward a point of a lamp; light emitted at D is shared by both ([T] (61)), light
 //! scattered there belongs to the first.
 
+use super::edge_set::{EdgeSet, SharedEdge};
 use super::ends::{self, ByOrder};
 use super::light_walk::{LightWalk, Vertex, seen};
 use super::sheet::{Grazed, Partials, Reach};
-use super::edge_set::{EdgeSet, SharedEdge};
 use super::{Context, Motion, Room, Sample};
 use crate::light::LightKind;
 use crate::math::discrete::Discrete;
@@ -32,9 +32,18 @@ const STILL: f64 = 0.25;
 
 enum Element {
     Edge(SharedEdge),
-    Sphere { c: DVec3, r: f64, grazed: Vec<(u32, Vec<u32>)> },
+    Sphere {
+        c: DVec3,
+        r: f64,
+        grazed: Vec<(u32, Vec<u32>)>,
+    },
     /// The rim of a disk, `c + x cos + y sin`.
-    Rim { c: DVec3, x: DVec3, y: DVec3, grazed: Vec<(u32, Vec<u32>)> },
+    Rim {
+        c: DVec3,
+        x: DVec3,
+        y: DVec3,
+        grazed: Vec<(u32, Vec<u32>)>,
+    },
 }
 
 pub struct SurfaceEdge {
@@ -63,9 +72,7 @@ struct Line {
 
 impl SurfaceEdge {
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<SurfaceEdge> {
-        let reflecting = |s: &crate::scene::Instance| {
-            matches!(&scene.surfaces[s.surface as usize], crate::surface::Surface::Diffuse { reflectance, .. } if !reflectance.is_zero())
-        };
+        let reflecting = |s: &crate::scene::Instance| matches!(&scene.surfaces[s.surface as usize], crate::surface::Surface::Diffuse { reflectance, .. } if !reflectance.is_zero());
         if !motion.surfaces() || !scene.shapes.iter().any(reflecting) {
             return None;
         }

@@ -140,7 +140,17 @@ pub fn equiangular<R: Recorder>(
     let aim = beside::follows(w, light, s.left, p, reach.map(|r| r.0))
         .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));
     let end = End::of(light, p, &a);
-    score(w, &a, end, weight * t, depth + 1, first, [Some((span.medium, m)), None], Some((span.medium, p, sigma_s)), aim);
+    score(
+        w,
+        &a,
+        end,
+        weight * t,
+        depth + 1,
+        first,
+        [Some((span.medium, m)), None],
+        Some((span.medium, p, sigma_s)),
+        aim,
+    );
 }
 
 /// Weight against direction sampling, trace the shadow ray, score.

@@ -78,7 +78,16 @@ impl Chain {
     }
 
     /// The vertex that all legs left; `first` from the camera.
-    pub fn vertex(&mut self, scene: &Scene, sensor: &Sensor, moving: &Moving, hit: &Hit, wi: DVec3, first: bool, sink: &mut impl Sink) {
+    pub fn vertex(
+        &mut self,
+        scene: &Scene,
+        sensor: &Sensor,
+        moving: &Moving,
+        hit: &Hit,
+        wi: DVec3,
+        first: bool,
+        sink: &mut impl Sink,
+    ) {
         let mut v = Vertex { scene, moving, hit, at: Covector::default(), turn: Covector::default() };
         let mut after = Rgb::ZERO;
         for leg in self.connections.drain(..).chain(self.next.take()) {

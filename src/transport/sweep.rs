@@ -13,8 +13,8 @@
 //!
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
-use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::motion::{Chain, Moving};
+use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::walk::{Flight, Stage, State, Tally, Walker};
 use super::border::{Borders, Place};
 use super::{aim, camera_line};
