@@ -41,8 +41,7 @@ fn cloud(shape: &str, light: &str) -> String {
 
 const CUBE: &str = r#"<shape type="cube"><transform name="to_world"><scale value="$size"/><rotate y="1" angle="$turn"/><translate x="$x" y="$y"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>"#;
 const BALL: &str = r#"<shape type="sphere"><point name="center" value="$x, $y, 0"/><float name="radius" value="$r"/><bsdf type="null"/><ref name="interior" id="fog"/></shape>"#;
-const POINT: &str =
-    r#"<emitter type="point"><point name="position" value="0.3, 2.2, 0.1"/><rgb name="intensity" value="9,8,7"/></emitter>"#;
+const POINT: &str = r#"<emitter type="point"><point name="position" value="0.3, 2.2, 0.1"/><rgb name="intensity" value="9,8,7"/></emitter>"#;
 const LAMP: &str = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate x="1" angle="90"/><translate x="0.3" y="2.2" z="0.1"/></transform>
     <emitter type="area"><rgb name="radiance" value="9,8,7"/></emitter></shape><emitter type="constant"><rgb name="radiance" value="0.2"/></emitter>"#;
 

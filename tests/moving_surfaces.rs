@@ -30,7 +30,8 @@ fn ar_area_light_and_half_plane() {
     assert!((slope(0.0, 0.0) / -1.40691121291 - 1.0).abs() < 1e-5);
     let n = 60;
     let at = |k: usize| -0.3 + 0.6 * (k as f64 + 0.5) / n as f64;
-    let truth = (0..n * n).map(|k| slope(at(k / n), at(k % n))).sum::<f64>() / (n * n) as f64 * 0.7 / std::f64::consts::PI;
+    let truth =
+        (0..n * n).map(|k| slope(at(k / n), at(k % n))).sum::<f64>() / (n * n) as f64 * 0.7 / std::f64::consts::PI;
     let r = derivatives(&text, &["x"], &["interior"], 4096);
     assert_eq!(r[0].value[0], 0.0);
     let r = derivatives(&text, &["x"], &["all"], 1 << 18);
@@ -178,6 +179,9 @@ fn isothermal_enclosure() {
             assert!(z.abs() < 4.5, "{name}: {} +- {}", all[k].value[c], all[k].error[c]);
         }
         println!("{name}: {:?} of {:?} and {:?}", all[k], interior[k], edges[k]);
-        assert!(edges[k].value[0].abs() > 2.0 * all[k].error[0] || interior[k].value[0].abs() > 2.0 * all[k].error[0], "{name}");
+        assert!(
+            edges[k].value[0].abs() > 2.0 * all[k].error[0] || interior[k].value[0].abs() > 2.0 * all[k].error[0],
+            "{name}"
+        );
     }
 }

@@ -11,7 +11,7 @@ use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
 use crate::params::{Both, Forward, ParamSet, Reverse};
 use crate::scene::Scene;
-use crate::transport::{self, PathRecord, border, State, Sweep, SweepFacts, Tally};
+use crate::transport::{self, PathRecord, State, Sweep, SweepFacts, Tally, border};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -8,6 +8,7 @@
 
 use super::rounds::{Rounds, mean};
 use crate::error::{Error, Result};
+use crate::params::Quantity;
 use crate::render::family::{Family, Member, View, numbers};
 use crate::render::health::Health;
 use crate::scene::parts::Parts;
@@ -77,7 +78,7 @@ impl At<'_> {
     }
 
     /// The largest step worth trying: eight times the scene's own hint; else what moves things by a fifth of the scene's
-    /// radius; else 0.4 of the value or a tenth of the extent of its bounds.
+    /// radius, or turns or stretches them by a fifth; else 0.4 of the value or a tenth of the extent of its bounds.
     pub fn largest_step(&self) -> Result<f64> {
         let desc = self.family.describe(&[])?;
         let index = desc.wrt(self.name)?;
@@ -85,11 +86,18 @@ impl At<'_> {
         if let Some(step) = hint.step {
             return Ok(8.0 * step);
         }
-        // How fast points, directions and matrices move with the parameter: lengths (or, of matrices, ratios) a unit of it.
+        // How fast things move with the parameter: lengths a unit of it, and ratios (turns, stretches).
         let parts = Parts::read(&desc, &desc.dual(index))?;
-        let speed = parts.movable().iter().flat_map(|(_, x)| x).fold(0.0f64, |s, x| s.max(x.d[0].abs()));
-        if speed > 0.0 {
-            return Ok(0.2 * self.member(0.0)?.scene.bounds.radius() / speed);
+        let (mut length, mut ratio) = (0.0f64, 0.0f64);
+        for s in parts.slots().iter().filter(|s| !s.quantity.is_value()) {
+            let fastest = s.values.iter().fold(0.0f64, |m, x| m.max(x.d[0].abs()));
+            let speed =
+                if matches!(s.quantity, Quantity::Position | Quantity::Shift) { &mut length } else { &mut ratio };
+            *speed = speed.max(fastest);
+        }
+        if length > 0.0 || ratio > 0.0 {
+            let size = self.member(0.0)?.scene.bounds.radius();
+            return Ok((0.2 * size / length).min(0.2 / ratio));
         }
         let extent = hint.min.zip(hint.max).map_or(0.0, |(a, b)| 0.1 * (b - a));
         let step = extent.max(0.4 * self.value.abs());

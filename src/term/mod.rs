@@ -150,7 +150,10 @@ impl Motion {
         });
         if let Some(s) = smooth.filter(|_| self.surfaces()) {
             return Err(Error::usage(
-                format!("the mesh `{}` is shaded by vertex normals: what moves beside it cannot be differentiated yet", s.name),
+                format!(
+                    "the mesh `{}` is shaded by vertex normals: what moves beside it cannot be differentiated yet",
+                    s.name
+                ),
                 "light then jumps at the horizon of every face; add <boolean name=\"face_normals\" value=\"true\"/> to the shape",
             ));
         }

@@ -28,8 +28,11 @@ pub struct Moving {
 
 impl Moving {
     pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Moving {
-        let shapes: Vec<bool> =
-            scene.shapes.iter().map(|s| !scene.is_null(s) && params.block_active(s.mover.first, Mover::SLOTS)).collect();
+        let shapes: Vec<bool> = scene
+            .shapes
+            .iter()
+            .map(|s| !scene.is_null(s) && params.block_active(s.mover.first, Mover::SLOTS))
+            .collect();
         let camera = sensor.moves(params);
         Moving { any: camera || shapes.iter().any(|&m| m), shapes, camera }
     }

@@ -13,10 +13,10 @@
 //!
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
+use super::border::{Borders, Place};
 use super::motion::{Chain, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::walk::{Flight, Stage, State, Tally, Walker};
-use super::border::{Borders, Place};
 use super::{aim, camera_line};
 use crate::light::Emission;
 use crate::math::rng::{Purpose, Rng};
@@ -34,8 +34,18 @@ const KAPPA_RHO: f64 = 0.05;
 /// What the derivative vertex is.
 #[derive(Clone, Copy, Debug)]
 enum Vertex {
-    Medium { medium: u32, p: DVec3, w: DVec3, flight: Flight },
-    Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32> },
+    Medium {
+        medium: u32,
+        p: DVec3,
+        w: DVec3,
+        flight: Flight,
+    },
+    Surface {
+        surface: u32,
+        hit: Hit,
+        wi: DVec3,
+        medium: Option<u32>,
+    },
     /// On a border that moves.
     Border(Place),
 }
