@@ -48,7 +48,7 @@ pub struct CheckArgs {
     #[arg(long, value_name = "N", default_value_t = 1 << 20, value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
     max_spp: u64,
     /// Time for all parameters, at most, e.g. 90s, 5m, 1h
-    #[arg(long, value_name = "TIME", default_value = "10m", value_parser = duration)]
+    #[arg(long, value_name = "TIME", default_value = "30m", value_parser = duration)]
     max_time: Duration,
     /// Side of a block in pixels
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]

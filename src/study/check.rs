@@ -46,7 +46,7 @@ impl Default for CheckOptions {
             seed: 0,
             spp: None,
             max_spp: 1 << 20,
-            max_time: Duration::from_secs(600),
+            max_time: Duration::from_secs(1800),
             block: 8,
             tolerance: 0.02,
             step: None,
