@@ -22,6 +22,12 @@ fn t5_null_interface() {
     check("L", &forward(text, &["s"], 1 << 14)[0], 0.834729702624, 0.005);
     check("dL/ds", &derivatives(text, &["s"], &["null_interface"], 1 << 14)[0], -0.199967490113, 0.005);
     assert_eq!(derivatives(text, &["s"], &["interior"], 64)[0].value[0], 0.0);
+    // Nothing scatters: one edge of a path is enough.
+    let direct = text.replace(
+        r#"<integrator type="volpath"/>"#,
+        r#"<integrator type="volpath"><integer name="max_depth" value="1"/></integrator>"#,
+    );
+    check("dL/ds, direct", &derivatives(&direct, &["s"], &["all"], 64)[0], -0.199967490113, 0.005);
 }
 
 /// A cloud of the given shape over a floor, seen from the side; three scatterings.

@@ -52,10 +52,11 @@ impl Recorder for ByOrder {
     }
 }
 
-/// An unbiased estimate of the radiance that arrives against `w` from the surface hit, or from beyond the scene.
-pub fn radiance(cx: &mut Context, o: DVec3, w: DVec3, hit: Option<Hit>, rng: Rng) -> ByOrder {
-    // Lamps may be hidden from the camera, not from what they light; how many scatterings count is asked later.
-    let set = Settings { hide_emitters: false, min_order: 0, ..*cx.set };
+/// An unbiased estimate of the radiance that arrives against `w` from the surface hit, or from beyond the scene. Lamps may be hidden from the
+/// camera (`hide`), not from what they light.
+pub fn radiance(cx: &mut Context, o: DVec3, w: DVec3, hit: Option<Hit>, hide: bool, rng: Rng) -> ByOrder {
+    // How many scatterings count is asked later.
+    let set = Settings { hide_emitters: hide, min_order: 0, ..*cx.set };
     let mut s = State::new(rng, o, w, None);
     s.stage = match hit {
         Some(h) => Stage::Surface(h),

@@ -57,6 +57,8 @@ pub struct Motion {
     /// What moves alike has one number; what stands still none.
     classes: Vec<Option<u32>>,
     pub camera: bool,
+    /// A lamp that light passes through, where it or anything else moves.
+    glowing_null: Option<String>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -103,7 +105,14 @@ impl Motion {
             Some(at as u32)
         };
         let classes = (0..scene.shapes.len()).map(class).collect();
-        Motion { lights: scene.lights.iter().map(motion).collect(), classes, camera: sensor.moves(params) }
+        let classes: Vec<Option<u32>> = classes;
+        let camera = sensor.moves(params);
+        let others = camera || classes.iter().any(Option::is_some);
+        let glows = |s: &&crate::scene::Instance| {
+            scene.is_null(s) && s.light.is_some() && (others || params.block_active(s.mover.first, Mover::SLOTS))
+        };
+        let glowing_null = scene.shapes.iter().find(glows).map(|s| s.name.clone());
+        Motion { lights: scene.lights.iter().map(motion).collect(), classes, camera, glowing_null }
     }
 
     /// Shapes of one class move alike.
@@ -143,6 +152,12 @@ impl Motion {
                     "take a sensor that does not see it, or leave its pixel out with --crop",
                 ));
             }
+        }
+        if let Some(name) = &self.glowing_null {
+            return Err(Error::usage(
+                format!("the lamp `{name}` has a null bsdf, and something moves: this cannot be differentiated yet"),
+                "give the lamp a diffuse bsdf of reflectance 0, or leave its emitter out",
+            ));
         }
         let smooth = scene.shapes.iter().find(|s| {
             let reflects = !scene.surfaces[s.surface as usize].is_null();

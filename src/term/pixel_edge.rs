@@ -56,11 +56,11 @@ impl Room for PixelEdge {
         };
         // A sphere is seen edge on: rounding must not decide from which side.
         let toward = if matches!(scene.shapes[own.shape as usize].shape, Shape::Sphere(_)) { -ray.n } else { q.w };
-        let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
+        let (stream, hide) = (Rng::keyed(rng.next_u64(), 0, 0, 0), cx.set.hide_emitters);
         let shown = |cx: &mut Context, light: ByOrder| light.shown(cx.set, 0);
-        let light = ends::radiance(cx, e, toward, Some(own), stream);
+        let light = ends::radiance(cx, e, toward, Some(own), hide, stream);
         let blocked = shown(cx, light);
-        let light = ends::radiance(cx, e, q.w, lit, stream);
+        let light = ends::radiance(cx, e, q.w, lit, hide, stream);
         let jump: Rgb = shown(cx, light) - blocked;
 
         let mut partials = Partials::default();

@@ -346,7 +346,7 @@ impl Room for SurfaceEdge {
                 let (light, toward) = self.toward(scene, element, &line, per_length, d.as_ref());
                 let density = own + self.lamp_share(light) * toward;
                 let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
-                let mut found = ends::radiance(cx, b, w, d, stream);
+                let mut found = ends::radiance(cx, b, w, d, false, stream);
                 for (k, x) in found.0.iter_mut().enumerate() {
                     *x *= 1.0 / if k == 0 { density } else { own };
                 }

@@ -66,6 +66,12 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     for k in 0..pieces.len() {
         glow(w, &mut s, &pieces[..=k], prefix);
     }
+    if R::ON {
+        for p in &pieces {
+            let at = |depth: Rgb| prefix * depth.map(|t| (-t).exp());
+            w.rec.push(Event::Ends { span: p.span, start: at(p.before), end: at(p.before + p.depth) });
+        }
+    }
     let scatters = w.may_scatter(1);
     let share = scatter_probability(w, &pieces, &end, transmitted, scatters);
     if scatters {
@@ -168,10 +174,6 @@ fn side_estimates<R: Recorder>(
         }
         let density = |scene: &Scene, t: f64| forced_density(scene, piece, total, t).mean() * share.scatter;
         connect::equiangular(w, s, piece.span, prefix * before, 0, first, density, None);
-    }
-    if R::ON {
-        let end = before * piece.depth.map(|t| (-t).exp());
-        w.rec.push(Event::Ends { span: piece.span, start: prefix * before, end: prefix * end });
     }
     if let Some(rng) = w.rec.candidate_rng() {
         let m = &w.scene.media[piece.span.medium as usize];

@@ -294,7 +294,7 @@ impl Sweep<'_> {
                     chain.clear();
                 }
                 Event::Candidate { .. } => {}
-                Event::Ends { span, start, end } => self.glow_at_ends(span, [*start, *end], sink),
+                Event::Ends { span, start, end } => self.glow_at_ends(span, [*start, *end], 0, sink),
                 Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
                 Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
                 Event::Span { span, prefix } => {
@@ -302,7 +302,7 @@ impl Sweep<'_> {
                     if let Some(p) = prefix.filter(|_| self.facts.borders.any()) {
                         let m = &self.scene.media[span.medium as usize];
                         let end = super::tracking::walked_weight(m, span, span.t1, p.beta, p.r);
-                        self.glow_at_ends(span, [p.beta / p.r.mean(), end], sink);
+                        self.glow_at_ends(span, [p.beta / p.r.mean(), end], p.depth, sink);
                     }
                 }
                 Event::Turn { medium, one_minus_mu } => self.phase(*medium, *one_minus_mu, after, sink),
@@ -362,7 +362,10 @@ impl Sweep<'_> {
     }
 
     /// What a medium emits where its borders move.
-    fn glow_at_ends(&self, span: &MediumSpan, weights: [Rgb; 2], sink: &mut impl Sink) {
+    fn glow_at_ends(&self, span: &MediumSpan, weights: [Rgb; 2], order: u32, sink: &mut impl Sink) {
+        if order < self.set.min_order || self.set.max_depth == 0 {
+            return;
+        }
         for (place, weight) in self.facts.borders.ends(self.scene, span).into_iter().zip(weights) {
             let glow = |p: &Place| self.scene.media[p.medium as usize].glow(p.p);
             if let Some((place, (sigma_a, color))) = place.and_then(|p| Some((p, glow(&p)?))) {
