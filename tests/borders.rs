@@ -85,3 +85,27 @@ fn the_term_is_a_term() {
         }
     }
 }
+
+/// The smoke of scenes/fire moves, turns and grows in a box that stands still, and in one that goes along.
+fn smoke(box_shift: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0"><default name="x" value="0.05"/><default name="turn" value="5"/><default name="grow" value="1"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <sensor type="perspective"><float name="fov" value="30"/><transform name="to_world"><lookat origin="5.2, -4.6, 1.7" target="1, 1, 2" up="0, 0, 1"/></transform>
+    <film type="hdrfilm"><integer name="width" value="5"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <medium type="heterogeneous" id="smoke">
+    <volume name="sigma_t" type="openvdb"><string name="filename" value="scenes/fire/blender_fire_0032.vdb"/><string name="grid_name" value="density"/>
+      <transform name="to_world"><scale value="$grow"/><rotate z="1" angle="$turn"/><translate x="$x"/></transform></volume>
+    <rgb name="albedo" value="0.9, 0.8, 0.7"/><float name="scale" value="6"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
+  <shape type="cube"><transform name="to_world"><scale x="1.3" y="1.3" z="2.2"/><translate x="1" y="1" z="2.1"/>{box_shift}</transform><bsdf type="null"/><ref name="interior" id="smoke"/></shape>
+  <emitter type="point"><point name="position" value="2.5, 2, 5"/><rgb name="intensity" value="30"/></emitter>
+  <emitter type="constant"><rgb name="radiance" value="0.2"/></emitter></scene>"#
+    )
+}
+
+#[test]
+fn a_vdb_that_moves() {
+    let what = [("x", 0.02), ("turn", 1.0), ("grow", 0.01)];
+    against_differences(&smoke(""), &what, &["all"], 1 << 13, 0.02);
+    against_differences(&smoke(r#"<translate x="$x"/>"#), &[("x", 0.02)], &["all"], 1 << 13, 0.02);
+}

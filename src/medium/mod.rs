@@ -3,7 +3,7 @@
 pub mod grid;
 
 use crate::math::{DVec3, Rgb};
-use crate::params::{ParamSet, Slot};
+use crate::params::{Covector, Mover, ParamSet, Sink, Slot};
 use crate::phase::Phase;
 use grid::Grid;
 use std::sync::Arc;
@@ -32,6 +32,8 @@ pub struct MediumSlots {
     pub scale: Slot,
     pub g: Slot,
     pub emission: Slot,
+    /// Of a density grid with a transform: the field moves with it.
+    pub mover: Option<Mover>,
 }
 
 pub const NO_SLOT: Slot = Slot::MAX;
@@ -57,6 +59,15 @@ pub struct Medium {
     pub kappa: f64,
     /// Same extinction in all channels.
     pub gray: bool,
+}
+
+/// A sink that is a function.
+struct Each<'a, F>(&'a mut F);
+
+impl<F: FnMut(Slot, Rgb)> Sink for Each<'_, F> {
+    fn add(&mut self, slot: Slot, partial: Rgb) {
+        (self.0)(slot, partial);
+    }
 }
 
 impl Medium {
@@ -103,10 +114,26 @@ impl Medium {
         self.share_partials(params, p, Rgb::ONE - self.albedo.at(p), -1.0, f);
     }
 
+    /// How sigma_t at a fixed point changes as its grid moves past, `-<∇σ_t, v>` ([T] section 3), times `weight`.
+    fn motion_partials(&self, mover: &Mover, p: DVec3, weight: Rgb, sink: &mut impl Sink) {
+        let Some(grid) = self.density_grid() else { return };
+        let g = grid.gradient3(p);
+        let c = std::array::from_fn(|k| Rgb::from_fn(|c| -self.scale * weight[c] * g[c][k]));
+        mover.point(p, &Covector(c), sink);
+    }
+
+    /// The mover, if any parameter moves it.
+    fn moves(&self, params: &ParamSet) -> Option<&Mover> {
+        self.slots.mover.as_ref().filter(|m| params.block_active(m.first, Mover::SLOTS))
+    }
+
     /// Partials of `share x sigma_t`, where the share changes with the albedo at the rate `slope`.
     fn share_partials(&self, params: &ParamSet, p: DVec3, share: Rgb, slope: f64, mut f: impl FnMut(Slot, Rgb)) {
         let s = &self.slots;
         let density = self.density.at(p);
+        if let Some(mover) = self.moves(params) {
+            self.motion_partials(mover, p, share, &mut Each(&mut f));
+        }
         if s.scale != NO_SLOT && params.is_active(s.scale) {
             f(s.scale, density * share);
         }
@@ -131,6 +158,10 @@ impl Medium {
         mut f: impl FnMut(Slot, Rgb),
     ) {
         let s = &self.slots;
+        if let (Some(mover), Some(grid)) = (self.moves(params), self.density_grid()) {
+            let each = &mut Each(&mut f);
+            grid.quadrature(o, w, t0, t1, &mut |weight, p| self.motion_partials(mover, p, Rgb::splat(weight), each));
+        }
         if s.scale != NO_SLOT && params.is_active(s.scale) {
             f(s.scale, self.density_integral(o, w, t0, t1));
         }
@@ -155,13 +186,15 @@ impl Medium {
     /// Whether any slot that scattering depends on is active.
     pub fn source_active(&self, params: &ParamSet) -> bool {
         let s = &self.slots;
-        [(s.sigma_t, 3), (s.albedo, 3), (s.scale, 1)].iter().any(|&(f, n)| f != NO_SLOT && params.block_active(f, n))
+        let values = [(s.sigma_t, 3), (s.albedo, 3), (s.scale, 1)];
+        values.iter().any(|&(f, n)| f != NO_SLOT && params.block_active(f, n)) || self.moves(params).is_some()
     }
 
     /// Whether any slot that extinction depends on is active.
     pub fn extinction_active(&self, params: &ParamSet) -> bool {
         let s = &self.slots;
-        [(s.sigma_t, 3), (s.scale, 1)].iter().any(|&(f, n)| f != NO_SLOT && params.block_active(f, n))
+        let values = [(s.sigma_t, 3), (s.scale, 1)];
+        values.iter().any(|&(f, n)| f != NO_SLOT && params.block_active(f, n)) || self.moves(params).is_some()
     }
 
     pub fn g_active(&self, params: &ParamSet) -> bool {

@@ -101,12 +101,12 @@ impl Term {
     pub fn exists(self, f: &Facts, m: &Motion) -> bool {
         let surfaces = m.opaque || m.camera || m.area_light;
         // What moves besides lights of zero measure moves in a vacuum so far.
-        let unknown = m.ior || m.interface || m.volume || surfaces && f.medium;
+        let unknown = m.ior || m.interface || m.other_volume || surfaces && f.medium;
         match self {
-            Term::P => !(m.environment || m.volume),
+            Term::P => !(m.environment || m.other_volume),
             Term::M | Term::G | Term::R | Term::E1 | Term::E3 => !unknown,
             Term::H => !unknown && !surfaces,
-            Term::N => !unknown,
+            Term::N => !unknown && !m.box_border,
             _ => false,
         }
     }
@@ -148,8 +148,12 @@ pub struct Motion {
     pub environment: bool,
     /// A volume moves by its transform.
     pub volume: bool,
+    /// Of those, one of albedo or emission.
+    pub other_volume: bool,
     /// The border at which its density jumps moves with it.
     pub border: bool,
+    /// That border is the box of a grid.
+    pub box_border: bool,
     /// Point, spot, directional or collimated light.
     pub zero_measure_light: bool,
     /// Of those, one with a position moves its position.
@@ -420,9 +424,15 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
             },
             Movable::LightProfile(_) => m.profile = true,
             Movable::Environment(_) => m.environment = true,
-            Movable::Volume(i) => {
+            Movable::Density(i) => {
                 m.volume = true;
-                m.border |= matches!(p.media[i].density, VolumePart::Vol { .. });
+                let ends = matches!(p.media[i].density, VolumePart::Vol { .. });
+                m.border |= ends;
+                m.box_border |= ends;
+            }
+            Movable::Volume(_) => {
+                m.volume = true;
+                m.other_volume = true;
             }
             Movable::Sensor(_) => m.camera = true,
         }

@@ -263,6 +263,10 @@ fn medium(
             scale: slot_of(slots, owner, Quantity::MediumScale),
             g: slot_of(slots, owner, Quantity::G),
             emission: slot_of(slots, owner, Quantity::Glow),
+            mover: m
+                .density
+                .to_world()
+                .map(|t| Mover { first: slot_of(slots, owner, Quantity::Shift), pivot: t.affine().translation }),
         },
         kappa: 1.0,
     })

@@ -197,6 +197,8 @@ pub enum Movable {
     LightDirection(usize),
     LightProfile(usize),
     Environment(usize),
+    /// A medium's density grid; its other grids.
+    Density(usize),
     Volume(usize),
     Sensor(usize),
 }
@@ -238,6 +240,11 @@ impl<R: Real> Parts<R> {
             add(owner, &m.name, Quantity::G, m.g.into_iter().collect());
             if let Some(VolumePart::Constant(c)) = &m.emission {
                 add(owner, &m.name, Quantity::Glow, c.to_vec());
+            }
+            if let Some(to_world) = m.density.to_world() {
+                let (shift, deformation) = affine_motion(to_world);
+                add(owner, &m.name, Quantity::Shift, vec![shift.x, shift.y, shift.z]);
+                add(owner, &m.name, Quantity::Deformation, deformation);
             }
         }
         for (i, (s, name)) in self.surfaces.iter().zip(&self.surface_names).enumerate() {
@@ -299,8 +306,8 @@ impl<R: Real> Parts<R> {
             }
         }
         for (i, m) in self.media.iter().enumerate() {
-            let volumes = [Some(&m.density), Some(&m.albedo), m.emission.as_ref()];
-            for t in volumes.into_iter().flatten().filter_map(VolumePart::to_world) {
+            v.extend(m.density.to_world().map(|t| (Movable::Density(i), flat(t))));
+            for t in [Some(&m.albedo), m.emission.as_ref()].into_iter().flatten().filter_map(VolumePart::to_world) {
                 v.push((Movable::Volume(i), flat(t)));
             }
         }

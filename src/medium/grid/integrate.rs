@@ -353,6 +353,18 @@ impl Grid {
         }
     }
 
+    /// Points of a quadrature over t in [t0, t1] that is exact for the field's gradient times anything linear: `f(weight, point)`.
+    pub fn quadrature(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, f: &mut impl FnMut(f64, DVec3)) {
+        let spans = self.single_spans(o, w, t0, t1);
+        let ray = spans.ray;
+        for span in spans.filter(|s| !s.constant) {
+            let Some(brick) = span.brick.index() else { continue };
+            for cell in self.cells(&ray, brick, span.t0, span.t1).filter(|cell| cell.t0 < cell.t1) {
+                cell.gauss().into_iter().for_each(|t| f(0.5 * (cell.t1 - cell.t0), o + w * t));
+            }
+        }
+    }
+
     /// Integrals of the interpolation weights over t in [t0, t1]: `f(slot, weight)`, a slot several times, background
     /// nodes not at all. Exact by the same rule; sum of weight * value is `integrate` of a field with background 0.
     pub fn integrate_nodes(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, f: &mut impl FnMut(NodeId, f64)) {
