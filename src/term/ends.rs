@@ -3,7 +3,7 @@
 use super::Context;
 use super::sheet::Partials;
 use crate::math::rng::Rng;
-use crate::math::{DVec3, Rgb};
+use crate::math::{DVec2, DVec3, Rgb};
 use crate::params::Partial;
 use crate::scene::{Hit, Scene, Settings};
 use crate::sensor::Sensor;
@@ -92,13 +92,27 @@ pub fn front(scene: &Scene, faces: &[(u32, u32)], e: DVec3, w: DVec3, n: DVec3) 
         -m.dot(n) / m.dot(w)
     };
     let &(shape, face) = faces.iter().min_by(|a, b| depth(a).total_cmp(&depth(b)))?;
-    // On the edge of a mesh rays would start on its other face, too.
-    let p = match &scene.shapes[shape as usize].shape {
+    // On the very edge rays would start on its other face, too.
+    let instance = &scene.shapes[shape as usize];
+    let p = match &instance.shape {
+        Shape::Sphere(_) => e,
         Shape::Mesh(m) => {
             let [a, b, c] = m.corners(face);
             e.lerp((a + b + c) / 3.0, OFF_THE_EDGE)
         }
-        _ => e,
+        flat => e.lerp(flat.position(face, DVec2::splat(0.5)), OFF_THE_EDGE),
     };
     Some(scene.hit_at(p, shape, face))
+}
+
+/// Distances that count as contact: an edge that stands on a surface.
+pub fn contact(scene: &Scene) -> f64 {
+    1e-9 * scene.bounds.radius()
+}
+
+/// What an edge stands on, a little off it to the side that n points to.
+pub fn beside(scene: &Scene, hit: &Hit, n: DVec3) -> Hit {
+    let along = n - hit.n * n.dot(hit.n);
+    let p = hit.p + along * (OFF_THE_EDGE * scene.bounds.radius());
+    Hit { t: hit.t, ..scene.hit_at(p, hit.shape, hit.face) }
 }

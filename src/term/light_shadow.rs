@@ -46,14 +46,11 @@ impl LightShadow {
                 None if m.direction => Some(l.place.direction),
                 _ => None,
             };
-            // Where a receiver or the light moves, every outline counts.
-            let all = slot.is_some() || motion.surfaces();
-            let outlines = Outlines::of_light(scene, motion, i as u32, |shape| all || motion.moves(shape));
-            lights.extend(outlines.filter(|_| all).map(|outlines| Shadow {
-                outlines,
-                slot,
-                surfaces: motion.surfaces(),
-            }));
+            let surfaces = motion.surfaces();
+            if slot.is_some() || surfaces {
+                let outlines = Outlines::of_light(scene, motion, i as u32);
+                lights.extend(outlines.map(|outlines| Shadow { outlines, slot, surfaces }));
+            }
         }
         let power = |s: &Shadow| scene.lights[s.outlines.light() as usize].value.max().max(f64::MIN_POSITIVE);
         let table = Discrete::new(lights.iter().map(power));

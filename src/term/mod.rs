@@ -6,6 +6,7 @@
 //! [`Sample::weigh`], the balance heuristic in film space.
 
 pub mod arcs;
+pub mod crossings;
 pub mod edge_set;
 pub mod ends;
 pub mod hard_profile;
@@ -158,6 +159,19 @@ impl Motion {
                 format!("the lamp `{name}` has a null bsdf, and something moves: this cannot be differentiated yet"),
                 "give the lamp a diffuse bsdf of reflectance 0, or leave its emitter out",
             ));
+        }
+        if self.surfaces() {
+            if let Some((a, b)) = crossings::find(scene, self) {
+                let name = |k: u32| &scene.shapes[k as usize].name;
+                return Err(Error::usage(
+                    format!(
+                        "the shapes `{}` and `{}` pass through each other: how the curve where they meet moves cannot be told yet",
+                        name(a),
+                        name(b)
+                    ),
+                    "let them touch, keep them apart, or make one mesh of them",
+                ));
+            }
         }
         let smooth = scene.shapes.iter().find(|s| {
             let reflects = !scene.surfaces[s.surface as usize].is_null();

@@ -72,14 +72,14 @@ pub(super) enum Source {
 }
 
 impl Outlines {
-    /// Silhouettes from the light `id`, of shapes that `keep` takes; `None` if nothing is there to cast a shadow.
-    pub fn of_light(scene: &Scene, motion: &Motion, id: u32, keep: impl Fn(u32) -> bool) -> Option<Outlines> {
+    /// Silhouettes from the light `id`; `None` if nothing is there to cast a shadow.
+    pub fn of_light(scene: &Scene, motion: &Motion, id: u32) -> Option<Outlines> {
         let source = match scene.lights[id as usize].kind {
             LightKind::Point { position } | LightKind::Spot { position, .. } => Source::Point(position),
             LightKind::Directional { direction } => Source::Distant(direction),
             _ => return None,
         };
-        let mut o = Outlines::new(scene, motion, source, keep, false);
+        let mut o = Outlines::new(scene, motion, source, |_| true, false);
         o.light = id;
         let seen = |e: DVec3, ray: &Ray, grazed: Grazed| {
             let light = scene.arrival(id, e, 0.0, 0.0).map_or(0.0, |a| a.emission.unit.max());
@@ -363,7 +363,7 @@ impl Source {
         seen.iter().enumerate().any(|(k, &(i, n))| {
             seen[..k].iter().any(|&(j, m)| {
                 let other = of(i).surface != of(j).surface || of(i).light != of(j).light;
-                other || (!(i == j && smooth(i)) && n.cross(m).length() > FLAT)
+                other || (!(i == j && smooth(i)) && (n.cross(m).length() > FLAT || n.dot(m) < 0.0))
             })
         })
     }

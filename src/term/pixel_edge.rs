@@ -46,12 +46,16 @@ impl Room for PixelEdge {
         let Some((ray, grazed, faces)) = self.outlines.sample(rng.uniform()) else { return };
         let e = ray.at(ray.near);
         let Some(q) = cx.sensor.project(e).filter(|q| cx.on_film(q.film)) else { return };
-        if scene.blocked_past(q.o, q.w, q.distance, grazed) {
+        let contact = ends::contact(scene);
+        if scene.blocked_past(q.o, q.w, q.distance - contact, grazed) {
             return;
         }
         let Some(own) = ends::front(scene, &faces.own, e, q.w, -ray.n) else { return };
         let lit = match faces.lit.is_empty() {
-            true => scene.opaque_past(q.o, q.w, f64::INFINITY, grazed),
+            true => scene.opaque_past(q.o, q.w, f64::INFINITY, grazed).map(|h| {
+                // The outline may stand on what is behind it.
+                if h.t < q.distance + contact { ends::beside(scene, &h, ray.n) } else { h }
+            }),
             false => ends::front(scene, &faces.lit, e, q.w, ray.n),
         };
         // A sphere is seen edge on: rounding must not decide from which side.

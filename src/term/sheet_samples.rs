@@ -36,7 +36,8 @@ fn receiver(scene: &Scene, ray: &Ray, grazed: Grazed) -> Option<Option<Hit>> {
         return (!blocked).then_some(hit);
     }
     match hit {
-        Some(h) if h.t <= ray.near => None,
+        // What the outline stands on is no receiver: the outline's own motion is seen there.
+        Some(h) if h.t <= ray.near + super::ends::contact(scene) => None,
         h => Some(h),
     }
 }

@@ -286,6 +286,21 @@ fn wedge(edge: &Edge) -> (f64, f64) {
     if angle >= 0.0 { (angle, PI - angle) } else { (0.0, PI + angle) }
 }
 
+/// The surface S that a line meets on its way w from the point b of an edge. What the edge stands on is left behind, and no S: it hides nothing from
+/// what it touches.
+fn near_end(scene: &Scene, b: DVec3, w: DVec3, grazed: Grazed) -> Option<Hit> {
+    let contact = ends::contact(scene);
+    let first = scene.opaque_past(b, w, f64::INFINITY, grazed)?;
+    if first.t > contact {
+        return Some(first);
+    }
+    // Away from it is where the shape itself is.
+    let owner = scene.shapes[grazed.first()?.0 as usize].shape.bounds().center() - b;
+    let leaves = first.n.dot(owner) * first.n.dot(w) > 0.0;
+    let second = scene.opaque_past(b + w * (2.0 * contact), w, f64::INFINITY, grazed).filter(|_| leaves)?;
+    Some(Hit { t: second.t + 2.0 * contact, ..second })
+}
+
 impl Room for SurfaceEdge {
     fn name(&self) -> &'static str {
         NAME
@@ -303,7 +318,7 @@ impl Room for SurfaceEdge {
         let Some((line, grazed)) = self.draw(scene, element, rng) else { return };
         let (b, w, n) = (line.b, line.w, line.n);
 
-        let Some(s) = scene.opaque_past(b, -w, f64::INFINITY, grazed) else { return };
+        let Some(s) = near_end(scene, b, -w, grazed) else { return };
         let z = Vertex { p: s.p, w: -w, medium: None, hit: Some(s) };
         let facing = |h: &Hit| {
             let shape = &scene.shapes[h.shape as usize];
@@ -313,9 +328,8 @@ impl Room for SurfaceEdge {
             return;
         }
         let d = scene.opaque_past(b, w, f64::INFINITY, grazed);
-        if d.as_ref().is_some_and(|d| d.t <= 0.0) {
-            return;
-        }
+        // The edge may stand on D.
+        let d = d.map(|d| if d.t <= ends::contact(scene) { ends::beside(scene, &d, n) } else { d });
         // Light that leaves D toward S, over the density of the line.
         let per_length = match element {
             Element::Edge(e) => (e.edge.b - e.edge.a).length().recip(),
