@@ -3,7 +3,11 @@
 mod common;
 use common::{estimate, run, scene};
 use std::fmt::Write;
+use tyndall::math::DVec3;
+use tyndall::math::rng::Rng;
 use tyndall::render::driver::Mode;
+use tyndall::scene::nearest::Kind;
+use tyndall::shape::Geometry;
 
 const FRAME: &str = r#"<integrator type="volpath"><integer name="max_depth" value="12"/></integrator>
   <sensor type="perspective"><float name="fov" value="45"/><transform name="to_world"><lookat origin="1, 2, 6" target="0, 0.5, 0" up="0, 1, 0"/></transform>
@@ -150,4 +154,68 @@ fn boundaries_that_let_no_light_in_or_leak_are_warned_of() {
         path.display()
     ));
     assert!(s.warnings.iter().any(|w| w.kind == tyndall::error::WarningKind::LeakyBoundary), "{:?}", s.warnings);
+}
+
+/// A mesh, analytic shapes of every form beside it (`copies` of each), and as many null boxes.
+fn crowd(copies: u32, dir: &std::path::Path) -> String {
+    let obj = dir.join("fan.obj");
+    std::fs::write(&obj, "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 1 2 2\n").unwrap();
+    let mut r = Rng::keyed(3, 3, copies.into(), 0);
+    let mut place = || {
+        let mut u = || 4.0 * r.uniform() - 2.0;
+        format!(
+            r#"<transform name="to_world"><scale value="0.3"/><rotate x="{}" y="{}" z="{}" angle="50"/><translate x="{}" y="{}" z="{}"/></transform>"#,
+            u(),
+            u(),
+            u(),
+            u(),
+            u(),
+            u()
+        )
+    };
+    let mut text = format!(
+        r#"<shape type="obj"><string name="filename" value="{}"/>{}<bsdf type="diffuse"/></shape>"#,
+        obj.display(),
+        place()
+    );
+    for _ in 0..copies {
+        for form in ["sphere", "rectangle", "disk", "cube"] {
+            write!(text, r#"<shape type="{form}">{}<bsdf type="diffuse"/></shape>"#, place()).unwrap();
+        }
+        let fog = r#"<bsdf type="null"/><ref name="interior" id="fog"/>"#;
+        write!(text, r#"<shape type="cube">{}{fog}</shape>"#, place()).unwrap();
+    }
+    text
+}
+
+#[test]
+fn nearest_points_of_a_scene_are_those_of_its_shapes() {
+    let dir = tempfile::tempdir().unwrap();
+    // Few shapes are in a list, many in Embree.
+    for copies in [1, 2, 9] {
+        let (_, s) = scene(&format!(r#"<scene version="3.0.0">{FRAME}{}</scene>"#, crowd(copies, dir.path())));
+        let mut r = Rng::keyed(4, 4, 4, 4);
+        let mut found = 0;
+        for k in 0..3000 {
+            let p = DVec3::from_array(std::array::from_fn(|_| 6.0 * r.uniform() - 3.0));
+            let radius = if k % 3 == 0 { f64::INFINITY } else { 2.0 * r.uniform() };
+            let kind = if k % 2 == 0 { Kind::Opaque } else { Kind::Null };
+            let (bits, one_in) = (r.next_u64(), [1, 2, 5][k % 3]);
+            let accept = |shape: u32, face: u32| (bits >> (shape % 50 + face)) % one_in == 0;
+            let mut least = f64::INFINITY;
+            for (i, x) in s.shapes.iter().enumerate().filter(|(_, x)| s.is_null(x) == (kind == Kind::Null)) {
+                for face in (0..x.shape.face_count()).filter(|&f| accept(i as u32, f)) {
+                    least = least.min(x.shape.nearest_on_face(face, p).distance(p));
+                }
+            }
+            let near = s.nearest_point(kind, p, radius, &accept);
+            assert_eq!(near.map(|n| n.distance), Some(least).filter(|&d| d < radius), "{copies} {k}: {p}");
+            let Some(n) = near else { continue };
+            found += 1;
+            assert!(accept(n.shape, n.face) && n.p.distance(p) == n.distance);
+            let shape = &s.shapes[n.shape as usize].shape;
+            assert!((shape.nearest_on_face(n.face, n.p) - n.p).length() < 1e-14, "on its face: {n:?}");
+        }
+        assert!(found > 1000);
+    }
 }

@@ -4,9 +4,11 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use tyndall::math::nearest::on_triangle;
 use tyndall::math::rng::Rng;
 use tyndall::math::{DAffine3, DMat3, DVec3};
 use tyndall::native::embree::{self, Bvh, Ray, SceneBuilder, UserPrimitives};
+use tyndall::native::nearest::Nearest;
 use tyndall::native::vdb::{self, Compression, Leaf, Select, Tile, WriteGrid};
 
 // ---- Embree ----
@@ -208,6 +210,11 @@ impl UserPrimitives for Spheres {
         let roots = if ray.exclude.is_some() { [-2.0 * b, f64::NAN] } else { [-b - q.sqrt(), -b + q.sqrt()] };
         roots.into_iter().find(|&t| t > t_min && t < t_max).map(|t| (t, [0.0; 2]))
     }
+
+    fn nearest(&self, prim: u32, p: DVec3) -> DVec3 {
+        let (c, r) = self.0[prim as usize];
+        c + (p - c).normalize() * r
+    }
 }
 
 #[test]
@@ -263,6 +270,10 @@ impl UserPrimitives for Panics {
     fn intersect(&self, _: u32, _: &Ray, _: f64, _: f64) -> Option<(f64, [f64; 2])> {
         panic!("no such root")
     }
+
+    fn nearest(&self, _: u32, _: DVec3) -> DVec3 {
+        panic!("no such point")
+    }
 }
 
 #[test]
@@ -300,6 +311,114 @@ fn near_surfaces_come_in_their_exact_order() {
         let next = bvh.intersect(&Ray { o, d: DVec3::Z, t_max: 1.0, exclude: Some((0, up.prim)) }).unwrap();
         assert!(next.geom == 1 && (next.t - gap).abs() < 1e-15);
     }
+}
+
+/// Triangles of all sizes around the origin under `x -> x * scale + offset`, one in eight without area.
+fn soup(r: &mut Rng, n: u32, scale: f64, offset: DVec3) -> (Arc<[DVec3]>, Arc<[[u32; 3]]>) {
+    let v: Vec<DVec3> = (0..n)
+        .flat_map(|_| {
+            let size = 0.1_f64.powf(4.0 * r.uniform());
+            let c = direction(r) * r.uniform();
+            [0; 3].map(|_| (c + direction(r) * size) * scale + offset)
+        })
+        .collect();
+    let f = (0..n).map(|k| match k % 16 {
+        0 => [3 * k, 3 * k + 1, 3 * k],
+        1 => [3 * k; 3],
+        // Neighbours, for ties.
+        2.. if k % 4 == 3 => [3 * k, 3 * k + 1, 3 * k - 1],
+        _ => [3 * k, 3 * k + 1, 3 * k + 2],
+    });
+    (v.into(), f.collect())
+}
+
+/// The nearer one, ties as documented.
+fn nearer(a: Option<Nearest>, b: Nearest) -> Option<Nearest> {
+    let key = |n: &Nearest| (n.distance, n.geom, n.prim);
+    Some(a.filter(|a| key(a) < key(&b)).unwrap_or(b))
+}
+
+/// In and around the unit ball, or far from it.
+fn query_point(r: &mut Rng, k: usize) -> DVec3 {
+    direction(r) * (r.uniform() * [1.0, 1.0, 3.0, 1e3, 1e9, 1e30][k % 6])
+}
+
+#[test]
+fn nearest_points_are_those_of_a_search_through_all() {
+    let mut r = Rng::keyed(7, 1, 7, 1);
+    for (scale, offset) in [
+        (1.0, DVec3::ZERO),
+        (1e-3, DVec3::splat(1e5)),
+        (1e-6, DVec3::ZERO),
+        (1e6, DVec3::ZERO),
+        (1.0, DVec3::new(1e5, -2e5, 3e5)),
+    ] {
+        let meshes = [soup(&mut r, 400, scale, offset), soup(&mut r, 100, scale, offset)];
+        let spheres: Vec<(DVec3, f64)> =
+            (0..20).map(|_| (direction(&mut r) * scale + offset, 0.3 * scale * r.uniform())).collect();
+        let mut b = SceneBuilder::new().unwrap();
+        for (v, f) in &meshes {
+            b.add_triangles(v.clone(), f.clone()).unwrap();
+        }
+        let bounds = spheres.iter().map(|(c, r)| (*c - DVec3::splat(*r), *c + DVec3::splat(*r))).collect();
+        assert_eq!(b.add_user(bounds, Arc::new(Spheres(spheres.clone()))).unwrap(), 2);
+        let bvh = b.commit().unwrap();
+        let all = Spheres(spheres);
+        let mut found = [0; 4];
+        for k in 0..6000 {
+            let p = query_point(&mut r, k) * scale + offset;
+            let radius = if k % 2 == 0 { f64::INFINITY } else { scale * 0.1_f64.powf(3.0 * r.uniform()) };
+            // All, a half, one in sixty-four.
+            let (salt, one_in) = (r.next_u64(), [1, 2, 64][k % 3]);
+            let accept = |geom: u32, prim: u32| {
+                (salt ^ u64::from(geom * 1000 + prim)).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32 << 32
+                    < u64::MAX / one_in
+            };
+            let mut truth = None;
+            let mut offer = |geom, prim, q: DVec3| {
+                let distance = q.distance(p);
+                if distance < radius && accept(geom, prim) {
+                    truth = nearer(truth, Nearest { distance, p: q, geom, prim });
+                }
+            };
+            for (geom, (v, f)) in meshes.iter().enumerate() {
+                for (prim, f) in f.iter().enumerate() {
+                    offer(geom as u32, prim as u32, on_triangle(p, f.map(|i| v[i as usize])));
+                }
+            }
+            for prim in 0..all.0.len() as u32 {
+                offer(2, prim, all.nearest(prim, p));
+            }
+            let near = bvh.nearest(p, radius, &accept);
+            assert_eq!(near, truth, "{k}: {p} {radius}");
+            found[near.map_or(3, |n| n.geom as usize)] += 1;
+        }
+        assert!(found.iter().all(|&n| n > 100), "{found:?}");
+    }
+}
+
+#[test]
+fn nearest_points_of_nothing_and_panics_on_the_way() {
+    let all = |_: u32, _: u32| true;
+    let empty = SceneBuilder::new().unwrap().commit().unwrap();
+    assert_eq!(empty.nearest(DVec3::ZERO, f64::INFINITY, &all), None);
+    let (v, f) = cube(1.0, DVec3::ZERO);
+    let bvh = mesh(v, f);
+    assert_eq!(bvh.nearest(DVec3::ZERO, f64::INFINITY, &|_, _| false), None);
+    // The radius itself is outside.
+    assert_eq!(bvh.nearest(DVec3::ZERO, 1.0, &all), None);
+    assert_eq!(bvh.nearest(DVec3::X, 0.0, &all), None);
+    assert_eq!(bvh.nearest(DVec3::X * 3.0, 2.0 + 1e-15, &all).map(|n| (n.distance, n.p)), Some((2.0, DVec3::X)));
+
+    let unwound = |b: &Bvh, accept: &dyn Fn(u32, u32) -> bool| {
+        let query = || b.nearest(DVec3::splat(0.5), f64::INFINITY, accept);
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(query)).unwrap_err()
+    };
+    let e = unwound(&bvh, &|_, _| panic!("no such taste"));
+    assert_eq!(e.downcast_ref::<&str>(), Some(&"no such taste"));
+    let mut b = SceneBuilder::new().unwrap();
+    b.add_user(vec![(DVec3::ZERO, DVec3::ONE); 9], Arc::new(Panics)).unwrap();
+    assert_eq!(unwound(&b.commit().unwrap(), &all).downcast_ref::<&str>(), Some(&"no such point"));
 }
 
 // ---- OpenVDB ----
@@ -596,11 +715,8 @@ fn files_from_elsewhere_are_read() {
 }
 
 /// Rate of single-thread queries: `cargo test --release --test native -- --ignored --nocapture rate`.
-#[test]
-#[ignore = "a measurement"]
-fn query_rate_on_a_million_triangles() {
-    // A bumpy sphere of 708 x 708 quads.
-    let n = 708_u32;
+/// A bumpy sphere of n x n quads.
+fn bumpy(n: u32) -> (Arc<[DVec3]>, Arc<[[u32; 3]]>) {
     let v: Vec<DVec3> = (0..=n)
         .flat_map(|j| {
             (0..n).map(move |i| {
@@ -620,19 +736,50 @@ fn query_rate_on_a_million_triangles() {
             [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]
         })
         .collect();
+    (v.into(), f.into())
+}
+
+/// Seconds of this thread on the processor, which others' load does not change much.
+fn cpu() -> f64 {
+    let stat = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
+    stat.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
+}
+
+#[test]
+#[ignore = "a measurement"]
+fn query_rate_of_nearest_points() {
+    let (v, f) = bumpy(224);
+    let (faces, bvh) = (f.len(), mesh(v, f));
+    let mut r = Rng::keyed(75, 76, 77, 78);
+    for (height, radius) in [(1e-4, f64::INFINITY), (1e-2, f64::INFINITY), (0.3, f64::INFINITY), (0.3, 0.1)] {
+        let points: Vec<DVec3> = (0..100_000)
+            .map(|_| {
+                let d = direction(&mut r);
+                let hit = bvh.intersect(&Ray::new(DVec3::ZERO, d)).unwrap();
+                d * (hit.t + height * (r.uniform() - 0.5))
+            })
+            .collect();
+        let clock = cpu();
+        let near = points.iter().filter(|p| bvh.nearest(**p, radius, &|_, _| true).is_some()).count();
+        println!(
+            "{faces} triangles, within {height}, radius {radius}: {:.0} ns, {near} near",
+            (cpu() - clock) * 1e9 / 1e5
+        );
+    }
+}
+
+#[test]
+#[ignore = "a measurement"]
+fn query_rate_on_a_million_triangles() {
+    let (v, f) = bumpy(708);
     let faces = f.len();
     let clock = std::time::Instant::now();
-    let bvh = mesh(v.into(), f.into());
+    let bvh = mesh(v, f);
     let build = clock.elapsed();
     let mut r = Rng::keyed(71, 72, 73, 74);
     let count = 1_000_000;
     let rays: Vec<Ray> =
         (0..count).map(|_| Ray::new(direction(&mut r) * 0.8 * r.uniform(), direction(&mut r))).collect();
-    // Time on the processor, which others' load does not change much.
-    let cpu = || -> f64 {
-        let stat = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
-        stat.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
-    };
     let clock = cpu();
     let hits = rays.iter().filter(|x| bvh.intersect(x).is_some()).count();
     let nearest = cpu() - clock;

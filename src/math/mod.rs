@@ -1,7 +1,8 @@
-//! Numbers: dual numbers, random streams, warps, colours, statistics. Imports glam only.
+//! Numbers: dual numbers, random streams, warps, colours, statistics, nearest points. Imports glam only.
 
 pub mod discrete;
 pub mod equiangular;
+pub mod nearest;
 pub mod real;
 pub mod rgb;
 pub mod rng;

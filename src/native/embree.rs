@@ -62,31 +62,34 @@ pub trait UserPrimitives: Send + Sync {
     /// coordinates. `ray.exclude` is `Some` exactly if the ray starts on this very primitive: then the root at the start,
     /// which rounding may have put a little before or after it, is none.
     fn intersect(&self, prim: u32, ray: &Ray, t_min: f64, t_max: f64) -> Option<(f64, [f64; 2])>;
+
+    /// The point of primitive `prim` nearest to `p`, inside the primitive's box.
+    fn nearest(&self, prim: u32, p: DVec3) -> DVec3;
 }
 
-struct Mesh {
+pub(super) struct Mesh {
     id: u32,
-    vertices: Arc<[DVec3]>,
-    faces: Arc<[[u32; 3]]>,
+    pub(super) vertices: Arc<[DVec3]>,
+    pub(super) faces: Arc<[[u32; 3]]>,
 }
 
-struct User {
+pub(super) struct User {
     id: u32,
     bounds: Vec<(DVec3, DVec3)>,
     frame: Frame,
-    prims: Arc<dyn UserPrimitives>,
+    pub(super) prims: Arc<dyn UserPrimitives>,
 }
 
-enum Geometry {
+pub(super) enum Geometry {
     Mesh(Mesh),
     User(User),
 }
 
 /// World to the unit ball: `(x - centre) * scale`.
 #[derive(Clone, Copy)]
-struct Frame {
-    centre: DVec3,
-    scale: f64,
+pub(super) struct Frame {
+    pub(super) centre: DVec3,
+    pub(super) scale: f64,
 }
 
 /// Collects geometry for a [`Bvh`].
@@ -217,10 +220,10 @@ impl Geometry {
 
 /// A committed scene. Queries may run from any number of threads.
 pub struct Bvh {
-    scene: sys::RTCScene,
+    pub(super) scene: sys::RTCScene,
     /// Never moved or changed: Embree keeps their addresses.
-    geometries: Box<[Geometry]>,
-    frame: Frame,
+    pub(super) geometries: Box<[Geometry]>,
+    pub(super) frame: Frame,
     lo: DVec3,
     hi: DVec3,
     /// Bounds with room for the f32 query's rounding.

@@ -5,5 +5,6 @@
 #![allow(unsafe_code)]
 
 pub mod embree;
+pub mod nearest;
 pub mod vdb;
 mod vdb_frame;

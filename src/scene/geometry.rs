@@ -78,11 +78,11 @@ enum Entry {
 /// geometry when they are many.
 #[derive(Default)]
 pub struct Group {
-    bvh: Option<Bvh>,
+    pub(super) bvh: Option<Bvh>,
     entries: Vec<Entry>,
     /// Shape -> Embree geometry; `u32::MAX` where it is not in Embree.
     geometry_of: Vec<u32>,
-    simple: Vec<u32>,
+    pub(super) simple: Vec<u32>,
 }
 
 /// More analytic shapes than this go into Embree.
@@ -104,6 +104,11 @@ impl UserPrimitives for Faces {
             s => s.intersect(ray.o, ray.d, t_min, t_max, start)?,
         };
         Some((found.t, found.uv.into()))
+    }
+
+    fn nearest(&self, prim: u32, p: DVec3) -> DVec3 {
+        let (shape, face) = &self.0[prim as usize];
+        shape.nearest_on_face(*face, p)
     }
 }
 
@@ -134,8 +139,7 @@ impl Group {
         } else {
             let mut faces = Vec::new();
             for i in simple {
-                let count = if matches!(shapes[i as usize].shape, Shape::Cube(_)) { 6 } else { 1 };
-                faces.extend((0..count).map(|f| (i, f)));
+                faces.extend((0..shapes[i as usize].shape.face_count()).map(|f| (i, f)));
             }
             let prims: Vec<(Shape, u32)> = faces.iter().map(|&(i, f)| (shapes[i as usize].shape.clone(), f)).collect();
             let bounds = prims.iter().map(|(s, _)| (s.bounds().min, s.bounds().max)).collect();
@@ -192,7 +196,7 @@ impl Group {
         best
     }
 
-    fn face_of(&self, geom: u32, prim: u32) -> (u32, u32) {
+    pub(super) fn face_of(&self, geom: u32, prim: u32) -> (u32, u32) {
         match &self.entries[geom as usize] {
             Entry::Mesh(shape) => (*shape, prim),
             Entry::Faces(list) => list[prim as usize],

@@ -5,6 +5,7 @@ pub mod compile;
 pub mod desc;
 pub mod geometry;
 pub mod lights;
+pub mod nearest;
 pub mod node;
 pub mod parts;
 mod parts_camera;

@@ -4,6 +4,7 @@
 
 use super::{Bounds, Geometry, Placement, ShapeHit, Start, SurfaceSample};
 use crate::math::discrete::Discrete;
+use crate::math::nearest::on_parallelogram;
 use crate::math::{DAffine3, DVec2, DVec3};
 
 #[derive(Clone, Debug)]
@@ -143,6 +144,16 @@ impl Geometry for Cube {
 
     fn uv(&self, face: u32, p: DVec3) -> DVec2 {
         local_uv(face, self.placement.local_point(p))
+    }
+
+    fn face_count(&self) -> u32 {
+        6
+    }
+
+    fn nearest_on_face(&self, face: u32, p: DVec3) -> DVec3 {
+        let (axis, side) = axis_side(face);
+        let [x, y, z] = [axis, (axis + 1) % 3, (axis + 2) % 3].map(|a| self.placement.vector(AXES[a]));
+        on_parallelogram(p, self.placement.to_world.translation + side * x - (y + z), 2.0 * y, 2.0 * z)
     }
 
     fn sample(&self, u: f64, v: f64) -> SurfaceSample {

@@ -4,6 +4,9 @@ use super::{Bounds, Geometry, Placement, ShapeHit, Start, SurfaceSample};
 use crate::math::{DAffine3, DVec2, DVec3, warp};
 use std::f64::consts::{PI, TAU};
 
+/// Steps of Newton's method toward the nearest point of an ellipse. Three or four are enough for a circle or a fair ellipse.
+const STEPS: usize = 32;
+
 #[derive(Clone, Copy, Debug)]
 pub struct Disk {
     pub placement: Placement,
@@ -22,6 +25,37 @@ impl Disk {
             return None;
         }
         self.placement.cross_z0(o, w, t_min, t_max).filter(|(_, p)| p.length_squared() <= 1.0)
+    }
+
+    /// The local point whose place is nearest to `p`: of all |q| <= 1 the least |M q - p|, with M the columns of x and y.
+    ///
+    /// Outside, (G + k) q = G f with G = M^T M, f the foot of `p` on the plane, and the k > 0 that makes |q| = 1. As a function of k
+    /// 1/|q| is nearly straight (straight for a circle), so Newton's steps from 0 never pass the root and few are needed.
+    fn nearest_local(&self, p: DVec3) -> DVec2 {
+        let (x, y, n) = (self.placement.vector(DVec3::X), self.placement.vector(DVec3::Y), self.placement.normal(2));
+        let o = self.placement.offset(p);
+        let foot = o - n * n.dot(o);
+        let f = DVec2::new(self.placement.coordinate(0, foot), self.placement.coordinate(1, foot));
+        if f.length_squared() <= 1.0 {
+            return f;
+        }
+        // In units of the longer axis: no overflow, and steps are relative.
+        let unit = x.length_squared().max(y.length_squared());
+        let (a, b, c) = (x.length_squared() / unit, x.dot(y) / unit, y.length_squared() / unit);
+        let g = DVec2::new(a * f.x + b * f.y, b * f.x + c * f.y);
+        let solve = |k: f64, v: DVec2| {
+            DVec2::new((c + k) * v.x - b * v.y, (a + k) * v.y - b * v.x) / ((a + k) * (c + k) - b * b)
+        };
+        let (mut k, mut q) = (0.0, f);
+        for _ in 0..STEPS {
+            let length = q.length();
+            if length <= 1.0 + f64::EPSILON {
+                break;
+            }
+            k += (length - 1.0) * length * length / q.dot(solve(k, q));
+            q = solve(k, g);
+        }
+        q.normalize()
     }
 }
 
@@ -71,6 +105,14 @@ impl Geometry for Disk {
 
     fn uv(&self, _face: u32, p: DVec3) -> DVec2 {
         polar(self.placement.local_point(p).truncate())
+    }
+
+    fn face_count(&self) -> u32 {
+        1
+    }
+
+    fn nearest_on_face(&self, _face: u32, p: DVec3) -> DVec3 {
+        self.placement.point(self.nearest_local(p).extend(0.0))
     }
 
     fn sample(&self, u: f64, v: f64) -> SurfaceSample {

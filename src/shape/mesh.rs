@@ -2,6 +2,7 @@
 
 use super::{Bounds, Geometry, ShapeHit, Start, SurfaceSample, Topology, barycentric, plane_t};
 use crate::math::discrete::Discrete;
+use crate::math::nearest::on_triangle;
 use crate::math::{DAffine3, DVec2, DVec3, V3};
 use std::sync::{Arc, OnceLock};
 
@@ -257,6 +258,14 @@ impl Geometry for TriangleMesh {
         let [v0, v1, v2] = self.corners(face).map(V3::<f64>::constant);
         let (b1, b2) = barycentric(v0, v1, v2, V3::constant(p) - v0);
         DVec2::new(b1, b2)
+    }
+
+    fn face_count(&self) -> u32 {
+        self.faces.len() as u32
+    }
+
+    fn nearest_on_face(&self, face: u32, p: DVec3) -> DVec3 {
+        on_triangle(p, self.corners(face))
     }
 
     fn sample(&self, u: f64, v: f64) -> SurfaceSample {

@@ -88,6 +88,26 @@ pub trait Geometry {
     /// Surface coordinates of a point `p` of `face`: the inverse of `position`.
     fn uv(&self, face: u32, p: DVec3) -> DVec2;
 
+    /// Number of faces; they are named 0, 1, ...
+    fn face_count(&self) -> u32;
+
+    /// The point of `face` nearest to `p`, which may lie anywhere. Of equally near ones any.
+    fn nearest_on_face(&self, face: u32, p: DVec3) -> DVec3;
+
+    /// The point of the surface nearest to `p`, and its face; of equally near faces the first. Linear in the faces: for meshes a reference.
+    fn nearest(&self, p: DVec3) -> (DVec3, u32) {
+        let mut best = (self.nearest_on_face(0, p), 0);
+        let mut least = best.0.distance_squared(p);
+        for face in 1..self.face_count() {
+            let q = self.nearest_on_face(face, p);
+            let squared = q.distance_squared(p);
+            if squared < least {
+                (best, least) = ((q, face), squared);
+            }
+        }
+        best
+    }
+
     /// A point uniform in area from `u`, `v` in [0,1). Its density is `1 / area`.
     fn sample(&self, u: f64, v: f64) -> SurfaceSample;
 }
@@ -148,6 +168,15 @@ impl Geometry for Shape {
     fn uv(&self, face: u32, p: DVec3) -> DVec2 {
         each!(self, s => s.uv(face, p))
     }
+    fn face_count(&self) -> u32 {
+        each!(self, s => s.face_count())
+    }
+    fn nearest_on_face(&self, face: u32, p: DVec3) -> DVec3 {
+        each!(self, s => s.nearest_on_face(face, p))
+    }
+    fn nearest(&self, p: DVec3) -> (DVec3, u32) {
+        each!(self, s => s.nearest(p))
+    }
     fn sample(&self, u: f64, v: f64) -> SurfaceSample {
         each!(self, s => s.sample(u, v))
     }
@@ -155,5 +184,7 @@ impl Geometry for Shape {
 
 #[cfg(test)]
 mod file_tests;
+#[cfg(test)]
+mod nearest_tests;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,7 @@
 //! The square `[-1,1]^2` in z = 0 with normal +z, placed by an affine map: any parallelogram.
 
 use super::{Bounds, Geometry, Placement, ShapeHit, Start, SurfaceSample};
+use crate::math::nearest::on_parallelogram;
 use crate::math::{DAffine3, DVec2, DVec3};
 
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +58,15 @@ impl Geometry for Rectangle {
 
     fn uv(&self, _face: u32, p: DVec3) -> DVec2 {
         0.5 * (self.placement.local_point(p).truncate() + 1.0)
+    }
+
+    fn face_count(&self) -> u32 {
+        1
+    }
+
+    fn nearest_on_face(&self, _face: u32, p: DVec3) -> DVec3 {
+        let (x, y) = (self.placement.vector(DVec3::X), self.placement.vector(DVec3::Y));
+        on_parallelogram(p, self.placement.to_world.translation - (x + y), 2.0 * x, 2.0 * y)
     }
 
     fn sample(&self, u: f64, v: f64) -> SurfaceSample {

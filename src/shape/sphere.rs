@@ -181,6 +181,15 @@ impl Geometry for Sphere {
         self.local_uv(p - self.center)
     }
 
+    fn face_count(&self) -> u32 {
+        1
+    }
+
+    fn nearest_on_face(&self, _face: u32, p: DVec3) -> DVec3 {
+        // Every point is as near to the centre as any other.
+        self.center + self.radius * (p - self.center).try_normalize().unwrap_or(DVec3::X)
+    }
+
     fn sample(&self, u: f64, v: f64) -> SurfaceSample {
         let outward = warp::sphere(u, v);
         let p = self.center + self.radius * outward;

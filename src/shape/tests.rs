@@ -6,27 +6,27 @@ use crate::math::stats::Moments;
 use crate::math::{DAffine3, DMat3, warp};
 use std::f64::consts::{PI, TAU};
 
-fn rng(test: u64) -> Rng {
+pub(super) fn rng(test: u64) -> Rng {
     Rng::keyed(20, 1, test, 0)
 }
 
-fn point(r: &mut Rng, size: f64) -> DVec3 {
+pub(super) fn point(r: &mut Rng, size: f64) -> DVec3 {
     DVec3::from_array(std::array::from_fn(|_| size * (2.0 * r.uniform() - 1.0)))
 }
 
-fn direction(r: &mut Rng) -> DVec3 {
+pub(super) fn direction(r: &mut Rng) -> DVec3 {
     warp::sphere(r.uniform(), r.uniform())
 }
 
 /// A rotation, a uniform scale, a position.
-fn similarity(r: &mut Rng, scale: f64, offset: f64) -> DAffine3 {
+pub(super) fn similarity(r: &mut Rng, scale: f64, offset: f64) -> DAffine3 {
     let (z, a) = (direction(r), direction(r));
     let x = a.cross(z).normalize();
     DAffine3::from_mat3_translation(DMat3::from_cols(x, z.cross(x), z) * scale, DVec3::new(offset, -offset, offset))
 }
 
 /// A shear and a stretch too, mirrored half of the time.
-fn affine(r: &mut Rng) -> DAffine3 {
+pub(super) fn affine(r: &mut Rng) -> DAffine3 {
     let mut m = DMat3::from_cols(point(r, 1.0), point(r, 1.0), point(r, 1.0));
     while m.determinant().abs() < 0.1 {
         m = DMat3::from_cols(point(r, 1.0), point(r, 1.0), point(r, 1.0));
@@ -34,7 +34,7 @@ fn affine(r: &mut Rng) -> DAffine3 {
     DAffine3::from_mat3_translation(m, point(r, 3.0))
 }
 
-fn all_shapes(m: DAffine3, similar: DAffine3) -> Vec<Shape> {
+pub(super) fn all_shapes(m: DAffine3, similar: DAffine3) -> Vec<Shape> {
     vec![
         Shape::Rectangle(Rectangle::new(m, false).unwrap()),
         Shape::Disk(Disk::new(m, false).unwrap()),

@@ -1,6 +1,6 @@
 //! Bindings to the installed Embree, made from its own header: 3.13 and 4.x under one face.
 //!
-//! The two differ for us only in how a query gets its context; [`QueryContext`], [`intersect1`] and [`occluded1`] hide it.
+//! The two differ for us only in how a ray query gets its context; [`QueryContext`], [`intersect1`] and [`occluded1`] hide it.
 //! Everything else is the C interface as it stands.
 
 #![allow(non_camel_case_types, non_snake_case, non_upper_case_globals, clippy::all)]
@@ -40,6 +40,16 @@ pub fn query_context() -> QueryContext {
     {
         c.instID = [INVALID_ID; RTC_MAX_INSTANCE_LEVEL_COUNT as usize];
     }
+    c
+}
+
+/// A context for point queries outside any instance (the header's own initialiser is inline).
+#[inline]
+pub fn point_query_context() -> RTCPointQueryContext {
+    // SAFETY: a plain C struct of integers and floats; all zero bits are valid.
+    let mut c: RTCPointQueryContext = unsafe { core::mem::zeroed() };
+    // 4.3's `instPrimID` stays 0: nobody reads it on an empty stack.
+    c.instID = [INVALID_ID; RTC_MAX_INSTANCE_LEVEL_COUNT as usize];
     c
 }
 

@@ -1,0 +1,87 @@
+//! The point of the scene's surfaces nearest to a point of space.
+
+use super::geometry::Group;
+use super::{Instance, Scene};
+use crate::math::DVec3;
+use crate::shape::Geometry;
+
+/// Which surfaces are asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// All that stops light.
+    Opaque,
+    /// Interfaces that light passes unchanged.
+    Null,
+}
+
+/// The nearest point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Near {
+    /// World units.
+    pub distance: f64,
+    pub p: DVec3,
+    pub shape: u32,
+    pub face: u32,
+}
+
+impl Group {
+    /// See [`Scene::nearest_point`].
+    fn nearest_point(
+        &self,
+        shapes: &[Instance],
+        p: DVec3,
+        radius: f64,
+        accept: &dyn Fn(u32, u32) -> bool,
+    ) -> Option<Near> {
+        let listed = self.nearest_listed(shapes, p, radius, accept);
+        let limit = listed.map_or(radius, |n| n.distance);
+        let met = self.bvh.as_ref().and_then(|bvh| {
+            let accept = |geom, prim| {
+                let (shape, face) = self.face_of(geom, prim);
+                accept(shape, face)
+            };
+            bvh.nearest(p, limit, &accept)
+        });
+        let near = met.map(|n| {
+            let (shape, face) = self.face_of(n.geom, n.prim);
+            Near { distance: n.distance, p: n.p, shape, face }
+        });
+        near.or(listed)
+    }
+
+    /// Of the analytic shapes that are not in Embree.
+    fn nearest_listed(
+        &self,
+        shapes: &[Instance],
+        p: DVec3,
+        radius: f64,
+        accept: &dyn Fn(u32, u32) -> bool,
+    ) -> Option<Near> {
+        let mut best: Option<Near> = None;
+        for &shape in &self.simple {
+            let geometry = &shapes[shape as usize].shape;
+            for face in 0..geometry.face_count() {
+                let q = geometry.nearest_on_face(face, p);
+                let distance = q.distance(p);
+                if distance < best.map_or(radius, |b| b.distance) && accept(shape, face) {
+                    best = Some(Near { distance, p: q, shape, face });
+                }
+            }
+        }
+        best
+    }
+}
+
+impl Scene {
+    /// The point nearest to `p` (finite) of all faces `(shape, face)` of a kind that `accept` wants, if it is nearer than `radius` (world units,
+    /// may be infinite). Of equally near faces one and the same on every call. `accept` is asked in no order; it should be cheap.
+    ///
+    /// Over `p` the distance is 1-Lipschitz, whatever is accepted, and its gradient where it has one is `(p - near.p) / distance`.
+    pub fn nearest_point(&self, of: Kind, p: DVec3, radius: f64, accept: &dyn Fn(u32, u32) -> bool) -> Option<Near> {
+        let group = match of {
+            Kind::Opaque => &self.opaque,
+            Kind::Null => &self.null,
+        };
+        group.nearest_point(&self.shapes, p, radius, accept)
+    }
+}
