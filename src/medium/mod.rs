@@ -22,6 +22,14 @@ impl Volume {
             Volume::Grid(g) => g.lookup_rgb(p),
         }
     }
+
+    /// Per channel, 1/length.
+    pub fn gradient(&self, p: DVec3) -> [DVec3; 3] {
+        match self {
+            Volume::Constant(_) => [DVec3::ZERO; 3],
+            Volume::Grid(g) => g.gradient3(p),
+        }
+    }
 }
 
 /// Slots of a medium; `u32::MAX` where the quantity is a grid or does not exist.
@@ -102,6 +110,24 @@ impl Medium {
         let e = self.emission.as_ref()?;
         let (sigma_t, sigma_s) = self.coefficients(p);
         Some((sigma_t - sigma_s, e.at(p)))
+    }
+
+    /// `∇σ_s` at a world point, per channel, 1/length².
+    pub fn sigma_s_gradient(&self, p: DVec3) -> [DVec3; 3] {
+        self.share_gradient(p, self.albedo.at(p), 1.0)
+    }
+
+    /// `∇(σ_a L_e)` likewise.
+    pub fn glow_gradient(&self, p: DVec3) -> [DVec3; 3] {
+        let (Some((sigma_a, color)), Some(e)) = (self.glow(p), &self.emission) else { return [DVec3::ZERO; 3] };
+        let (by_a, by_e) = (self.share_gradient(p, Rgb::ONE - self.albedo.at(p), -1.0), e.gradient(p));
+        std::array::from_fn(|c| by_a[c] * color[c] + by_e[c] * sigma_a[c])
+    }
+
+    /// Gradient of `share x sigma_t`, where the share changes with the albedo at the rate `slope`.
+    fn share_gradient(&self, p: DVec3, share: Rgb, slope: f64) -> [DVec3; 3] {
+        let (density, by_density, by_albedo) = (self.density.at(p), self.density.gradient(p), self.albedo.gradient(p));
+        std::array::from_fn(|c| (by_density[c] * share[c] + by_albedo[c] * (slope * density[c])) * self.scale)
     }
 
     /// `d sigma_s / d slot` at a world point for every active slot, per channel; `sigma_s = albedo sigma_t`.

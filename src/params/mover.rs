@@ -5,6 +5,7 @@
 
 use super::{Sink, Slot};
 use crate::math::{DVec3, Rgb};
+use std::ops::AddAssign;
 
 /// A linear form on up to three consecutive slots.
 #[derive(Clone, Copy, Debug)]
@@ -40,6 +41,18 @@ impl Covector {
     #[must_use]
     pub fn scaled(&self, s: f64) -> Covector {
         Covector(self.0.map(|x| x * s))
+    }
+
+    /// Each channel with a weight of its own.
+    #[must_use]
+    pub fn weighed(&self, w: Rgb) -> Covector {
+        Covector(self.0.map(|x| x * w))
+    }
+}
+
+impl AddAssign for Covector {
+    fn add_assign(&mut self, o: Covector) {
+        self.0.iter_mut().zip(o.0).for_each(|(x, y)| *x += y);
     }
 }
 
@@ -79,6 +92,11 @@ impl Mover {
                 sink.add(self.first + 3 + (3 * i + j) as Slot, across.0[j] * -n[i]);
             }
         }
+    }
+
+    /// `value` times the rate at which volume grows, `tr A`.
+    pub fn volume(&self, value: Rgb, sink: &mut impl Sink) {
+        (0..3).for_each(|i| sink.add(self.first + 3 + 4 * i, value));
     }
 
     /// `value` times the rate at which area of unit normal n grows, `tr A - <n,An>`: the Jacobian of a surface point [T] section 2.

@@ -98,14 +98,11 @@ impl Term {
     }
 
     /// Whether this program computes it for such a motion.
-    pub fn exists(self, f: &Facts, m: &Motion) -> bool {
-        let surfaces = m.opaque || m.camera || m.area_light;
-        // What moves besides lights of zero measure moves in a vacuum so far.
-        let unknown = m.ior || m.interface || m.other_volume || surfaces && f.medium;
+    pub fn exists(self, m: &Motion) -> bool {
+        let unknown = m.ior || m.interface || m.other_volume;
         match self {
             Term::P => !(m.environment || m.other_volume),
-            Term::M | Term::G | Term::R | Term::E1 | Term::E3 => !unknown,
-            Term::H => !unknown && !surfaces,
+            Term::M | Term::G | Term::R | Term::H | Term::E1 | Term::E2 | Term::E3 => !unknown,
             Term::N => !unknown && !m.box_border,
             _ => false,
         }
@@ -208,7 +205,7 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(m.camera, &[M], "the camera moves");
     let seen = m.camera && f.surfaces;
     add(seen, &[E1], "the camera moves past surfaces");
-    add(seen && f.medium, &[E2, D, N], "vertices ride on camera rays and end at static surfaces and borders");
+    add(seen && f.medium, &[E2], "vertices ride on camera rays past static silhouettes");
     add(seen && f.reflecting, &[E3], "hits ride on camera rays");
     add(seen && f.zero_measure_light && f.medium, &[G], "vertices ride on camera rays through shadows");
     add(seen && f.zero_measure_light && f.reflecting, &[R], "hits ride on camera rays through shadows");
@@ -311,12 +308,13 @@ impl Plan {
             let dual = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
             let motion = motion(&parts, &dual);
             for (term, why) in needed(&facts, &motion) {
-                if !term.exists(&facts, &motion) {
+                if !term.exists(&motion) {
                     missing.push((name.clone(), term, why));
                 }
                 all.entry(term).or_insert_with(|| format!("{why} ({name})"));
             }
-            if (motion.zero_measure_light || motion.profile) && has_nearest_grid(&parts) {
+            let matter = motion.opaque || motion.area_light || motion.camera;
+            if (motion.zero_measure_light || motion.profile || matter) && has_nearest_grid(&parts) {
                 let why = "a nearest-neighbour grid jumps at every cell face: use filter_type trilinear";
                 missing.push((name.clone(), Term::N, why));
                 all.entry(Term::N).or_insert_with(|| format!("{why} ({name})"));

@@ -38,6 +38,7 @@ pub struct Rooms<'a> {
     along: Vec<f64>,
     outward: Vec<u64>,
     nanoseconds: Vec<AtomicU64>,
+    motion: Motion,
 }
 
 /// A contribution to one pixel, to be multiplied by each of the partials.
@@ -76,7 +77,7 @@ impl<'a> Rooms<'a> {
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();
         let along = vec![1.0; list.len()];
         let outward = vec![(sensor.width * sensor.height) as u64; list.len()];
-        Ok(Rooms { scene, sensor, index, outer, filter, seed, list, along, outward, nanoseconds })
+        Ok(Rooms { scene, sensor, index, outer, filter, seed, list, along, outward, nanoseconds, motion })
     }
 
     /// Share out the work: with rate r a room's variance is `variance / r` and its cost `COST r`, beside 1 for the interior. `interior`,
@@ -105,13 +106,14 @@ impl<'a> Rooms<'a> {
         self.nanoseconds[room].load(Ordering::Relaxed) as f64 * 1e-9
     }
 
-    fn context(&self) -> Context<'a> {
+    fn context(&self) -> Context<'_> {
         Context {
             scene: self.scene,
             set: &self.scene.settings,
             sensor: self.sensor,
             outer: self.outer,
             margin: filter::radius(self.filter),
+            moving: &self.motion.moving,
             tally: Tally::default(),
         }
     }

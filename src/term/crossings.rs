@@ -20,7 +20,7 @@ pub fn find(scene: &Scene, motion: &Motion) -> Option<(u32, u32)> {
         let length = (b - a).length();
         let w = (b - a) / length;
         let hit = scene.opaque_past(a + w * (TOUCHES * length), w, length * (1.0 - 2.0 * TOUCHES), faces)?;
-        let concerned = motion.camera || motion.moves(owner) || motion.moves(hit.shape);
+        let concerned = motion.moving.camera || motion.moves(owner) || motion.moves(hit.shape);
         (faces.iter().all(|f| f.0 != hit.shape) && concerned && hit.n.dot(w).abs() > TOUCHES)
             .then_some((owner, hit.shape))
     };

@@ -2,12 +2,17 @@
 
 use super::Context;
 use super::sheet::Partials;
+use crate::math::equiangular::EquiAngular;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Rgb};
 use crate::params::Partial;
-use crate::scene::{Hit, Scene, Settings};
-use crate::sensor::Sensor;
+use crate::scene::{Hit, On, Scene, Settings};
+use crate::sensor::Projected;
 use crate::shape::{Geometry, Shape};
+use crate::transport::first::{First, Seen};
+use crate::transport::line::Line;
+use crate::transport::motion::Moving;
+use crate::transport::velocity::{Source, Velocity};
 use crate::transport::record::{Event, MediumSpan, Recorder};
 use crate::transport::walk::{Stage, State, Walker};
 
@@ -31,6 +36,10 @@ impl ByOrder {
         all.fold(Rgb::ZERO, |sum, (_, &x)| sum + x)
     }
 
+    pub fn scale(&mut self, w: Rgb) {
+        self.0.iter_mut().for_each(|x| *x *= w);
+    }
+
     pub fn is_zero(&self) -> bool {
         self.0.iter().all(|x| x.is_zero())
     }
@@ -52,16 +61,20 @@ impl Recorder for ByOrder {
     }
 }
 
-/// An unbiased estimate of the radiance that arrives against `w` from the surface hit, or from beyond the scene. Lamps may be hidden from the
+/// An unbiased estimate of the radiance that arrives against `w` from where the stage says, in `medium` before it. Lamps may be hidden from the
 /// camera (`hide`), not from what they light.
-pub fn radiance(cx: &mut Context, o: DVec3, w: DVec3, hit: Option<Hit>, hide: bool, rng: Rng) -> ByOrder {
+pub fn radiance(
+    cx: &mut Context,
+    o: DVec3,
+    w: DVec3,
+    stage: Stage,
+    medium: Option<u32>,
+    hide: bool,
+    rng: Rng,
+) -> ByOrder {
     // How many scatterings count is asked later.
     let set = Settings { hide_emitters: hide, min_order: 0, ..*cx.set };
-    let mut s = State::new(rng, o, w, None);
-    s.stage = match hit {
-        Some(h) => Stage::Surface(h),
-        None => Stage::Escape,
-    };
+    let s = State { stage, ..State::new(rng, o, w, medium) };
     let mut found = ByOrder::default();
     let mut walker = Walker::new(cx.scene, &set, &mut found);
     walker.run(s);
@@ -69,16 +82,218 @@ pub fn radiance(cx: &mut Context, o: DVec3, w: DVec3, hit: Option<Hit>, hide: bo
     found
 }
 
+/// A point drawn in the media of a line.
+pub struct Drawn {
+    pub p: DVec3,
+    pub medium: u32,
+    /// From the line's start.
+    pub distance: f64,
+    pub transmittance: Rgb,
+    pub sigma_s: Rgb,
+    /// Per length.
+    pub density: f64,
+}
+
+/// Draw a point of the media along w from `b`, by depth or by the angle that it subtends at one of the `poles` (positions with their probabilities).
+pub fn medium_point(
+    scene: &Scene,
+    way: &Line,
+    b: DVec3,
+    w: DVec3,
+    poles: &[(DVec3, f64)],
+    rng: &mut Rng,
+) -> Option<Drawn> {
+    let (first, last) = (way.parts.first()?, way.parts.last()?);
+    if way.total.max() <= 0.0 {
+        return None;
+    }
+    let along = |part: &crate::transport::line::Part| (part.span.o - b).dot(w);
+    let (lo, hi) = (along(first) + first.span.t0, along(last) + last.span.t1);
+    let angles = |p: DVec3| Some(EquiAngular::new(p, b, w, lo, hi)).filter(|a| a.usable());
+    let share: f64 = poles.iter().filter(|(p, _)| angles(*p).is_some()).map(|p| p.1).sum();
+    let mut u = rng.uniform();
+    let mut chosen = None;
+    for (p, q) in poles {
+        if let Some(a) = angles(*p) {
+            if u < *q && chosen.is_none() {
+                chosen = Some(a.sample(u / q));
+            }
+            u -= q;
+        }
+    }
+    let (k, t) = match chosen {
+        Some(s) => way.locate(b, s)?,
+        None => {
+            let f = way.force(scene, rng);
+            (f.piece, f.t)
+        }
+    };
+    let part = &way.parts[k];
+    let distance = along(part) + t;
+    let by_angle: f64 = poles.iter().filter_map(|(p, q)| Some(q * angles(*p)?.density(distance))).sum();
+    let density = (1.0 - share) * way.mean_density(scene, k, t) + by_angle;
+    let (p, medium) = (part.span.o + part.span.w * t, part.span.medium);
+    let sigma_s = scene.media[medium as usize].coefficients(p).1;
+    let transmittance = way.transmittance_to(scene, k, t);
+    (density > 0.0).then_some(Drawn { p, medium, distance, transmittance, sigma_s, density })
+}
+
+/// How often the light that comes along a line is looked for in its media instead of on what ends it.
+pub fn medium_share(scene: &Scene, way: &Line, ends: bool) -> f64 {
+    let scatters = |part: &crate::transport::line::Part| {
+        let m = &scene.media[part.span.medium as usize];
+        !part.depth.is_zero() && (!m.sigma_s.is_zero() || m.emission.is_some())
+    };
+    match (way.parts.iter().any(scatters), ends || scene.environment.is_some()) {
+        (false, _) => 0.0,
+        (true, false) => 1.0,
+        (true, true) => (1.0 - way.transmittance().mean()).clamp(0.1, 0.9),
+    }
+}
+
+/// A point of the media along w from `b`, its distance, and an estimate of the light that it sends back to `b`.
+pub fn medium_end(cx: &mut Context, way: &Line, b: DVec3, w: DVec3, rng: &mut Rng) -> Option<(Point, f64, ByOrder)> {
+    let scene = cx.scene;
+    // Half by the angles that distances subtend at lights with a position.
+    let share = |i: u32| Some((scene.lights[i as usize].center()?, 0.5 * scene.local_selection(i)));
+    let poles: Vec<(DVec3, f64)> = (0..scene.lights.len() as u32).filter_map(share).filter(|p| p.1 > 0.0).collect();
+    let d = medium_point(scene, way, b, w, &poles, rng)?;
+    let weight = d.transmittance * (1.0 / d.density);
+    let mut light = ByOrder::default();
+    if !d.sigma_s.is_zero() {
+        let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
+        light = radiance(cx, d.p, w, Stage::Medium, Some(d.medium), false, stream);
+        light.scale(d.sigma_s);
+    }
+    if let Some((sigma_a, color)) = scene.media[d.medium as usize].glow(d.p) {
+        light.add(0, sigma_a * color);
+    }
+    light.scale(weight);
+    Some((Point::Medium(d.p), d.distance, light))
+}
+
+/// The radiance that arrives against `w` at `o` through `medium`, from what ends the line (past all that it grazes at `o`) and from the media before.
+pub fn beyond(
+    cx: &mut Context,
+    o: DVec3,
+    w: DVec3,
+    end: Option<Hit>,
+    medium: Option<u32>,
+    hide: bool,
+    mut rng: Rng,
+) -> ByOrder {
+    let length = end.as_ref().map_or(f64::INFINITY, |h| (h.p - o).dot(w).max(0.0));
+    let Some(way) = Line::clear(cx.scene, o, w, length, medium) else {
+        cx.tally.missed_boundary += 1;
+        return ByOrder::default();
+    };
+    let inside = medium_share(cx.scene, &way, end.is_some());
+    // Without media both sides of an edge have the same random numbers.
+    if inside > 0.0 && rng.uniform() < inside {
+        let found = medium_end(cx, &way, o, w, &mut rng);
+        return found.map_or_else(ByOrder::default, |(_, _, mut light)| {
+            light.scale(Rgb::splat(1.0 / inside));
+            light
+        });
+    }
+    let mut light = radiance(cx, o, w, end.map_or(Stage::Escape, Stage::Surface), way.last, hide, rng);
+    light.scale(way.transmittance() * (1.0 / (1.0 - inside)));
+    light
+}
+
+/// A point whose motion is asked for.
+#[derive(Clone, Copy, Debug)]
+pub enum Point {
+    Surface(Hit),
+    Medium(DVec3),
+    Infinity,
+}
+
+/// The first vertex of the camera's path to a point: the point itself, or another one.
+#[derive(Clone, Debug, Default)]
+pub struct Watch {
+    first: First,
+    itself: bool,
+}
+
+impl Watch {
+    /// The point that `q` projects is seen by the camera itself.
+    pub fn itself(cx: &Context, q: &Projected, point: &Point) -> Watch {
+        Watch { itself: true, ..Watch::other(cx, q, point) }
+    }
+
+    /// The camera's path comes by way of the point that `q` projects.
+    pub fn other(cx: &Context, q: &Projected, point: &Point) -> Watch {
+        let seen = match point {
+            Point::Surface(hit) => Some(Seen::Surface { hit: *hit, w: q.w }),
+            Point::Medium(p) if cx.moving.any() => camera_span(cx, q).map(|span| Seen::Medium { p: *p, span }),
+            _ => None,
+        };
+        Watch::new(cx, seen)
+    }
+
+    /// The point is this first vertex.
+    pub fn seen(cx: &Context, seen: Seen) -> Watch {
+        Watch { itself: true, ..Watch::new(cx, Some(seen)) }
+    }
+
+    /// By way of a first vertex that is known.
+    pub fn new(cx: &Context, seen: Option<Seen>) -> Watch {
+        let first = seen.filter(|_| cx.moving.any()).map(|s| cx.moving.film_line(cx.scene).first(&s));
+        Watch { first: first.unwrap_or_default(), itself: false }
+    }
+
+    /// The same first vertex, for a later point.
+    pub fn later(&self) -> Watch {
+        Watch { itself: false, ..self.clone() }
+    }
+}
+
+/// The medium span of a camera ray that holds what `q` projects.
+fn camera_span(cx: &Context, q: &Projected) -> Option<MediumSpan> {
+    let scene = cx.scene;
+    let (mut o, mut on, mut medium, mut left) = (q.o, On::default(), cx.sensor.medium, q.distance);
+    for _ in 0..scene.max_interfaces {
+        let hit = scene.intersect(o, q.w, f64::INFINITY, &on, medium);
+        let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+        if t1 >= left {
+            return medium.map(|id| MediumSpan::new(id, o, q.w, t1, &on, hit.as_ref()));
+        }
+        let h = hit?;
+        let shape = &scene.shapes[h.shape as usize];
+        if !scene.is_null(shape) {
+            return None;
+        }
+        medium = shape.medium_behind(q.w, h.n, medium);
+        on = on.crossed(&h, scene.tolerance(h.p));
+        o = h.p;
+        left -= h.t;
+    }
+    None
+}
+
+/// `<c, ẋ>` of a point.
+pub fn motion(cx: &Context, point: &Point, watch: &Watch, c: DVec3, out: &mut Partials) {
+    let (scene, moving) = (cx.scene, cx.moving);
+    if !moving.any() || c == DVec3::ZERO {
+        return;
+    }
+    let velocity = match point {
+        _ if watch.itself => watch.first.velocity.clone(),
+        Point::Surface(h) => {
+            let (carried, _) = Moving::on_surface(&watch.first, h.p);
+            let own = moving.moves(h.shape).then(|| Velocity::of(Source::Shape(h.shape), h.p));
+            own.map_or(carried.clone(), |v| v.plus(1.0, &carried))
+        }
+        Point::Medium(p) => moving.in_medium(scene, &watch.first, *p).0,
+        Point::Infinity => return,
+    };
+    velocity.forms(scene, cx.sensor, c, |p| out.push(p));
+}
+
 /// `<c, v>` of a point that goes with a shape.
 pub fn material(scene: &Scene, shape: u32, p: DVec3, c: DVec3) -> [Partial; 4] {
     scene.shapes[shape as usize].mover.forms(p, c)
-}
-
-/// `<c, ẋ>` of the hit x of the camera ray along w, whose film point is fixed [T] (60).
-pub fn film_fixed(scene: &Scene, sensor: &Sensor, hit: &Hit, w: DVec3, c: DVec3, out: &mut Partials) {
-    let along = hit.n * (c.dot(w) / hit.n.dot(w));
-    out.extend(material(scene, hit.shape, hit.p, along));
-    out.extend(sensor.forms(hit.p, c - along));
 }
 
 /// How far from an edge toward the middle of its face radiance is asked for, as a share of the way.

@@ -3,6 +3,7 @@
 //! The cone `<u,d> = cos θ |u|`, u = y - p, is a sheet like a shadow's, with nothing standing on its rays: n = (d - cos θ u/ρ) / sin θ
 //! toward the axis and `v_n = <n,ṗ> - <u,ḋ>/sin θ - ρ θ̇`.
 
+use super::ends::{self, Point, Watch};
 use super::sheet::{Partials, Ray, Reach};
 use super::sheet_samples::{self, Found};
 use super::{Context, LightMotion, Motion, Room, Sample};
@@ -58,7 +59,7 @@ impl HardProfile {
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<HardProfile> {
         let cone = |(i, (l, m)): (usize, (&crate::light::Light, &LightMotion))| match l.kind {
             LightKind::Spot { position, axis, beam, cutoff }
-                if beam >= cutoff && (m.position || m.direction || m.angles) =>
+                if beam >= cutoff && (m.position || m.direction || m.angles || motion.surfaces()) =>
             {
                 let (sin, cos) = cutoff.sin_cos();
                 Some(Cone { light: i as u32, apex: position, axis, sin, cos, place: l.place, motion: *m })
@@ -90,8 +91,8 @@ impl Cone {
         }
     }
 
-    /// `-v_n`. With beam width = cutoff, each of the two angles moves the edge by half.
-    fn motion(&self, ray: &Ray, rho: f64) -> Partials {
+    /// `-v_n`, less what the vertex itself does. With beam width = cutoff, each of the two angles moves the edge by half.
+    fn motion(&self, cx: &Context, ray: &Ray, rho: f64, point: &Point, watch: &Watch) -> Partials {
         let mut p = Partials::default();
         if self.motion.position {
             p.push(Partial { slot: self.place.position, v: -ray.n, len: 3 });
@@ -102,6 +103,7 @@ impl Cone {
         if self.motion.angles {
             p.push(Partial { slot: self.place.angles, v: DVec3::new(0.5 * rho, 0.5 * rho, 0.0), len: 2 });
         }
+        ends::motion(cx, point, watch, ray.n, &mut p);
         p
     }
 
@@ -140,7 +142,9 @@ impl Room for HardProfile {
                         let ray = cone.ray(u / rho);
                         let ray = Ray { across: ray.across * self.table.probability(i), ..ray };
                         let found = Found { spans, t, ray, rho, grazed: &[] };
-                        sheet_samples::crossing(cx, &self.reach, &found, &cone.motion(&ray, rho), rng, emit);
+                        let (point, watch) = sheet_samples::crossed(cx, span, t);
+                        let partials = cone.motion(cx, &ray, rho, &point, &watch);
+                        sheet_samples::crossing(cx, &self.reach, &found, &partials, rng, emit);
                     }
                 }
             }
@@ -154,6 +158,7 @@ impl Room for HardProfile {
         let (s, c) = (TAU * u).sin_cos();
         let ray = cone.ray(cone.axis * cone.cos + (x * c + y * s) * cone.sin);
         let ray = Ray { across: ray.across * probability, ..ray };
-        sheet_samples::outward(cx, &self.reach, &ray, &[], |ray, rho, _| cone.motion(ray, rho), rng, emit);
+        let motion = |cx: &Context, rho: f64, point: &Point, watch: &Watch| cone.motion(cx, &ray, rho, point, watch);
+        sheet_samples::outward(cx, &self.reach, &ray, &[], &motion, rng, emit);
     }
 }

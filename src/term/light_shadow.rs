@@ -5,10 +5,10 @@
 //! sheet adds is `-v_n` times the light's irradiance times what its points scatter into the picture: [T] (35) where a camera ray
 //! crosses it, [T] (36) from the outline outward, through any number of scatterings, receivers included.
 
-use super::ends;
+use super::ends::{self, Point, Watch};
 use super::outline::Outlines;
 use super::sheet::{Grazed, Partials, Ray, Reach};
-use super::sheet_samples::{self, At, Found};
+use super::sheet_samples::{self, Found};
 use super::{Context, Motion, Room, Sample};
 use crate::math::discrete::Discrete;
 use crate::math::rng::Rng;
@@ -60,7 +60,7 @@ impl LightShadow {
 
 impl Shadow {
     /// `-v_n`, less what the vertex itself does.
-    fn motion(&self, scene: &Scene, sensor: &Sensor, ray: &Ray, rho: f64, grazed: Grazed, at: At) -> Partials {
+    fn motion(&self, cx: &Context, ray: &Ray, rho: f64, grazed: Grazed, point: &Point, watch: &Watch) -> Partials {
         let mut p = Partials::default();
         if let Some(slot) = self.slot {
             let v = if ray.distant { ray.n * -rho } else { ray.n * (rho / ray.near - 1.0) };
@@ -69,13 +69,9 @@ impl Shadow {
         if self.surfaces {
             if let Some((shape, _)) = grazed.first() {
                 let lambda = if ray.distant { 1.0 } else { rho / ray.near };
-                p.extend(ends::material(scene, *shape, ray.at(ray.near), ray.n * -lambda));
+                p.extend(ends::material(cx.scene, *shape, ray.at(ray.near), ray.n * -lambda));
             }
-            match at {
-                At::Medium => {}
-                At::Surface(h) => p.extend(ends::material(scene, h.shape, h.p, ray.n)),
-                At::Seen(h, w) => ends::film_fixed(scene, sensor, h, w, ray.n, &mut p),
-            }
+            ends::motion(cx, point, watch, ray.n, &mut p);
         }
         p
     }
@@ -98,7 +94,8 @@ impl Room for LightShadow {
                 s.outlines.crossings(span.o, span.w, 0.0, span.t1, |c| {
                     let ray = Ray { across: c.ray.across * self.table.probability(i), ..c.ray };
                     let found = Found { spans, t: c.t, ray, rho: c.rho, grazed: c.grazed };
-                    let partials = s.motion(cx.scene, cx.sensor, &ray, c.rho, c.grazed, At::Medium);
+                    let (point, watch) = sheet_samples::crossed(cx, span, c.t);
+                    let partials = s.motion(cx, &ray, c.rho, c.grazed, &point, &watch);
                     sheet_samples::crossing(cx, &self.reach, &found, &partials, rng, emit);
                 });
             }
@@ -110,8 +107,8 @@ impl Room for LightShadow {
         let shadow = &self.lights[k];
         let Some((ray, grazed, _)) = shadow.outlines.sample(rng.uniform()) else { return };
         let ray = Ray { across: ray.across * probability, ..ray };
-        let (scene, sensor) = (cx.scene, cx.sensor);
-        let motion = |ray: &Ray, rho: f64, at: At| shadow.motion(scene, sensor, ray, rho, grazed, at);
-        sheet_samples::outward(cx, &self.reach, &ray, grazed, motion, rng, emit);
+        let motion =
+            |cx: &Context, rho: f64, point: &Point, watch: &Watch| shadow.motion(cx, &ray, rho, grazed, point, watch);
+        sheet_samples::outward(cx, &self.reach, &ray, grazed, &motion, rng, emit);
     }
 }

@@ -5,18 +5,18 @@
 //! (a) the walk scatters at y and connects it to the camera, with a pole at the camera; (b) y is drawn on a random camera ray by the angle
 //! that it subtends at z, with a pole at z. The balance heuristic of both bounds both [T] (63).
 
-use super::ends::ByOrder;
-use super::sheet::Reach;
+use super::ends::{ByOrder, Point, Watch};
+use super::sheet::{Partials, Reach};
 use super::{Context, Sample};
 use crate::light::{Arrival, Emission};
 use crate::math::equiangular::EquiAngular;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
-use crate::params::Partial;
 use crate::phase::one_minus_cos;
 use crate::scene::{Hit, On, Scene};
 use crate::sensor::Projected;
 use crate::surface::Surface;
+use crate::transport::first::Seen;
 use crate::transport::record::{MediumSpan, NoRecord};
 use crate::transport::tracking;
 use crate::transport::transmit;
@@ -113,7 +113,8 @@ pub fn seen(cx: &mut Context, z: &Vertex, q: &Projected, rng: &mut Rng) -> Optio
 /// The walk and its connections.
 pub struct LightWalk<'a> {
     pub reach: &'a Reach,
-    pub partials: &'a [Partial],
+    /// How a sample depends on slots, given the camera's first vertex.
+    pub motion: &'a dyn Fn(&Context, &Watch) -> Partials,
     /// What starts the walk with weight 1, by the scatterings that it has behind it.
     pub source: &'a ByOrder,
 }
@@ -166,7 +167,9 @@ impl LightWalk<'_> {
                 let seen = seen(cx, &next, &q, &mut stream);
                 s.rng = stream;
                 if let Some(f) = seen {
-                    self.emit(q.film, s.beta / s.r.mean() * shown * f * share, emit);
+                    let point = next.hit.map_or(Point::Medium(next.p), Point::Surface);
+                    let watch = Watch::other(cx, &q, &point);
+                    self.emit(cx, q.film, s.beta / s.r.mean() * shown * f * share, &watch, emit);
                 }
             }
             z = next;
@@ -174,8 +177,9 @@ impl LightWalk<'_> {
         *rng = s.rng;
     }
 
-    fn emit(&self, film: [f64; 2], flux: Rgb, emit: &mut dyn FnMut(&Sample)) {
-        emit(&Sample { film, flux, partials: self.partials, film_per_sheet: 0.0, outward: 1.0 });
+    fn emit(&self, cx: &Context, film: [f64; 2], flux: Rgb, watch: &Watch, emit: &mut dyn FnMut(&Sample)) {
+        let partials = (self.motion)(cx, watch);
+        emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 0.0, outward: 1.0 });
     }
 
     /// True where the walk ends. As on camera paths: from a fifth of the start weight on.
@@ -252,7 +256,8 @@ impl LightWalk<'_> {
         let phase = m.phase.eval(one_minus_cos(w, dz));
         let flux =
             weight * f * sigma_s * transmittance * way * (phase * q.pixels_per_area / (d * d) / (per_volume + a));
-        self.emit(film, flux, emit);
+        let watch = Watch::new(cx, Some(Seen::Medium { p: y, span }));
+        self.emit(cx, film, flux, &watch, emit);
     }
 
     /// Density per volume of technique (a) at the distance `d` along `w` from a vertex.

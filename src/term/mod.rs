@@ -9,9 +9,11 @@ pub mod arcs;
 pub mod crossings;
 pub mod edge_set;
 pub mod ends;
+pub mod grazing;
 pub mod hard_profile;
 pub mod light_shadow;
 pub mod light_walk;
+pub mod medium_edge;
 pub mod outline;
 pub mod pixel_edge;
 pub mod sheet;
@@ -20,12 +22,13 @@ pub mod surface_edge;
 
 use crate::error::{Error, Result};
 use crate::math::rng::Rng;
-use crate::math::{DVec3, Rgb};
+use crate::math::Rgb;
 use crate::params::{Mover, ParamSet, Partial, Slot};
 use crate::scene::{Scene, Settings};
 use crate::sensor::Sensor;
 use crate::shape::Shape;
 use crate::transport::Tally;
+use crate::transport::motion::Moving;
 
 /// One sample of a boundary term.
 #[derive(Clone, Copy, Debug)]
@@ -55,9 +58,7 @@ impl Sample<'_> {
 pub struct Motion {
     /// One a light.
     pub lights: Vec<LightMotion>,
-    /// What moves alike has one number; what stands still none.
-    classes: Vec<Option<u32>>,
-    pub camera: bool,
+    pub moving: Moving,
     /// A lamp that light passes through, where it or anything else moves.
     glowing_null: Option<String>,
 }
@@ -77,57 +78,27 @@ impl Motion {
             direction: active(l.place.direction, 3),
             angles: active(l.place.angles, 2),
         };
-        let moves = |i: usize| {
-            let s = &scene.shapes[i];
-            !scene.is_null(s) && params.block_active(s.mover.first, Mover::SLOTS)
-        };
-        // Two fields of velocities are one if four points in general position move alike.
-        let probes = scene.bounds.probes();
-        let field = |i: usize| -> Vec<f64> {
-            let mover = &scene.shapes[i].mover;
-            let axes = [DVec3::X, DVec3::Y, DVec3::Z];
-            let forms = probes.iter().flat_map(|&p| axes.map(|c| mover.forms(p, c)));
-            let tangent = |forms: [Partial; 4], k: usize| -> f64 {
-                forms.iter().flat_map(|f| (0..3).map(move |j| f.v[j] * params.tangents(f.slot + j as Slot)[k])).sum()
-            };
-            forms.flat_map(|f| (0..params.len()).map(move |k| tangent(f, k))).collect()
-        };
-        let alike = |a: &[f64], b: &[f64]| {
-            let size = a.iter().chain(b).fold(0.0f64, |m, x| m.max(x.abs()));
-            a.iter().zip(b).all(|(x, y)| (x - y).abs() <= 1e-9 * size)
-        };
-        let mut fields: Vec<Vec<f64>> = Vec::new();
-        let class = |i: usize| {
-            let f = moves(i).then(|| field(i))?;
-            let at = fields.iter().position(|g| alike(&f, g)).unwrap_or_else(|| {
-                fields.push(f);
-                fields.len() - 1
-            });
-            Some(at as u32)
-        };
-        let classes = (0..scene.shapes.len()).map(class).collect();
-        let classes: Vec<Option<u32>> = classes;
-        let camera = sensor.moves(params);
-        let others = camera || classes.iter().any(Option::is_some);
+        let moving = Moving::new(scene, sensor, params);
+        let others = moving.any();
         let glows = |s: &&crate::scene::Instance| {
             scene.is_null(s) && s.light.is_some() && (others || params.block_active(s.mover.first, Mover::SLOTS))
         };
         let glowing_null = scene.shapes.iter().find(glows).map(|s| s.name.clone());
-        Motion { lights: scene.lights.iter().map(motion).collect(), classes, camera, glowing_null }
+        Motion { lights: scene.lights.iter().map(motion).collect(), moving, glowing_null }
     }
 
     /// Shapes of one class move alike.
     pub fn class(&self, shape: u32) -> u32 {
-        self.classes[shape as usize].unwrap_or(u32::MAX)
+        self.moving.field.class(shape).unwrap_or(u32::MAX)
     }
 
     pub fn moves(&self, shape: u32) -> bool {
-        self.classes[shape as usize].is_some()
+        self.moving.moves(shape)
     }
 
     /// Whether a vertex on some surface moves: any shadow or silhouette may then pass over it.
     pub fn surfaces(&self) -> bool {
-        self.camera || self.classes.iter().any(|c| c.is_some())
+        self.moving.any()
     }
 
     /// An error where more moves at once than the interior keeps apart, and where a light moves in a medium in the picture itself (`crop`: x0, y0, x1,
@@ -204,6 +175,7 @@ pub struct Context<'a> {
     pub outer: Option<u32>,
     /// Film points this far outside of the film still count, in pixels: the filter's radius.
     pub margin: f64,
+    pub moving: &'a Moving,
     pub tally: Tally,
 }
 
@@ -231,7 +203,8 @@ pub trait Room: Send + Sync {
 }
 
 /// Names of all rooms.
-pub const ROOMS: [&str; 4] = [light_shadow::NAME, hard_profile::NAME, pixel_edge::NAME, surface_edge::NAME];
+pub const ROOMS: [&str; 5] =
+    [light_shadow::NAME, hard_profile::NAME, pixel_edge::NAME, surface_edge::NAME, medium_edge::NAME];
 
 /// The rooms that have anything to do for this motion, of those that `wanted` names.
 pub fn rooms(
@@ -253,6 +226,9 @@ pub fn rooms(
     }
     if wanted(surface_edge::NAME) {
         v.extend(surface_edge::SurfaceEdge::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));
+    }
+    if wanted(medium_edge::NAME) {
+        v.extend(medium_edge::MediumEdge::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));
     }
     v
 }

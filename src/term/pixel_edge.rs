@@ -5,15 +5,16 @@
 //! toward it; u: the velocity of e as a point of its film point's ray), and gains `L_unblocked - L_blocked` for what it grows.
 //! Both radiances are followed with the same random numbers.
 
-use super::ends::{self, ByOrder};
+use super::ends;
 use super::outline::Outlines;
 use super::sheet::Partials;
 use super::{Context, Motion, Room, Sample};
-use crate::math::Rgb;
 use crate::math::rng::Rng;
 use crate::scene::Scene;
 use crate::sensor::Sensor;
 use crate::shape::Shape;
+use crate::transport::line::Line;
+use crate::transport::walk::Stage;
 
 pub const NAME: &str = "pixel_edge";
 
@@ -28,9 +29,9 @@ impl PixelEdge {
         if !motion.surfaces() {
             return None;
         }
-        let keep = |shape| motion.camera || motion.moves(shape);
+        let keep = |shape| motion.moving.camera || motion.moves(shape);
         let outlines = Outlines::of_camera(scene, motion, sensor, margin, keep)?;
-        Some(PixelEdge { outlines, camera: motion.camera })
+        Some(PixelEdge { outlines, camera: motion.moving.camera })
     }
 }
 
@@ -61,11 +62,18 @@ impl Room for PixelEdge {
         // A sphere is seen edge on: rounding must not decide from which side.
         let toward = if matches!(scene.shapes[own.shape as usize].shape, Shape::Sphere(_)) { -ray.n } else { q.w };
         let (stream, hide) = (Rng::keyed(rng.next_u64(), 0, 0, 0), cx.set.hide_emitters);
-        let shown = |cx: &mut Context, light: ByOrder| light.shown(cx.set, 0);
-        let light = ends::radiance(cx, e, toward, Some(own), hide, stream);
-        let blocked = shown(cx, light);
-        let light = ends::radiance(cx, e, q.w, lit, hide, stream);
-        let jump: Rgb = shown(cx, light) - blocked;
+        let Some(front) = Line::clear(scene, q.o, q.w, q.distance, cx.sensor.medium) else { return };
+        let (transmittance, medium) = (front.transmittance(), front.last);
+        if transmittance.is_zero() {
+            return;
+        }
+        let light = ends::radiance(cx, e, toward, Stage::Surface(own), medium, hide, stream);
+        let blocked = light.shown(cx.set, 0);
+        let light = match faces.lit.is_empty() {
+            true => ends::beyond(cx, e, q.w, lit, medium, hide, stream),
+            false => ends::radiance(cx, e, q.w, lit.map_or(Stage::Escape, Stage::Surface), medium, hide, stream),
+        };
+        let jump = transmittance * (light.shown(cx.set, 0) - blocked);
 
         let mut partials = Partials::default();
         if let Some((shape, _)) = grazed.first() {

@@ -68,6 +68,11 @@ impl Reach {
         Reach { media: media_box(scene), eye, size: if size > 0.0 { size } else { 1.0 } }
     }
 
+    /// The camera, for a pinhole.
+    pub fn eye(&self) -> Option<DVec3> {
+        self.eye
+    }
+
     /// The part of (t0, t1) of a ray in the media's box.
     pub fn clip(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> Option<(f64, f64)> {
         let (mut lo, mut hi) = (t0, t1);
@@ -147,33 +152,20 @@ fn media_box(scene: &Scene) -> Option<Bounds> {
     Some(all)
 }
 
-/// Partials that one sample may have: three shapes and a camera, and a light.
-const LIST: usize = 20;
-
-/// A short list of partials.
-#[derive(Clone, Copy, Debug)]
-pub struct Partials {
-    list: [Partial; LIST],
-    len: usize,
-}
-
-impl Default for Partials {
-    fn default() -> Self {
-        Partials { list: [Partial { slot: 0, v: DVec3::ZERO, len: 0 }; LIST], len: 0 }
-    }
-}
+/// Partials of one sample.
+#[derive(Clone, Debug, Default)]
+pub struct Partials(Vec<Partial>);
 
 impl Partials {
     pub fn push(&mut self, p: Partial) {
-        self.list[self.len] = p;
-        self.len += 1;
+        self.0.push(p);
     }
 
     pub fn extend(&mut self, forms: impl IntoIterator<Item = Partial>) {
-        forms.into_iter().for_each(|p| self.push(p));
+        self.0.extend(forms);
     }
 
     pub fn as_slice(&self) -> &[Partial] {
-        &self.list[..self.len]
+        &self.0
     }
 }

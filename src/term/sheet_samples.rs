@@ -1,6 +1,6 @@
 //! Samples of a sheet by its two techniques: where a camera ray crosses it, and from its source outward.
 
-use super::ends::ByOrder;
+use super::ends::{ByOrder, Point, Watch};
 use super::light_walk::{LightWalk, Vertex, seen};
 use super::sheet::{Grazed, Partials, Ray, Reach};
 use super::{Context, Sample};
@@ -8,6 +8,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
 use crate::scene::{Hit, On, Scene};
+use crate::transport::first::Seen;
 use crate::transport::record::{MediumSpan, NoRecord};
 use crate::transport::transmit;
 use crate::transport::walk::Walker;
@@ -85,6 +86,12 @@ pub struct Found<'a> {
     pub grazed: Grazed<'a>,
 }
 
+/// The point at `t` of a span of a camera line, as that line's first vertex.
+pub fn crossed(cx: &Context, span: &MediumSpan, t: f64) -> (Point, Watch) {
+    let p = span.o + span.w * t;
+    (Point::Medium(p), Watch::seen(cx, Seen::Medium { p, span: *span }))
+}
+
 /// What the crossing adds to the film point that its camera ray came from [T] (35); `partials` = -v_n.
 pub fn crossing(
     cx: &mut Context,
@@ -116,24 +123,14 @@ pub fn crossing(
     });
 }
 
-/// Which point of a sheet's ray asks for its motion.
-#[derive(Clone, Copy)]
-pub enum At<'a> {
-    Medium,
-    /// A receiver as a vertex of a path.
-    Surface(&'a Hit),
-    /// The same, seen by the camera along this direction.
-    Seen(&'a Hit, DVec3),
-}
-
 /// A point of the sheet's ray in a medium, and the surface at its end: straight to the camera, and one of them by way of further
-/// scatterings [T] (36). `motion` gives -v_n.
+/// scatterings [T] (36). `motion` gives -v_n for a point of the ray at its distance.
 pub fn outward(
     cx: &mut Context,
     reach: &Reach,
     ray: &Ray,
     grazed: Grazed,
-    motion: impl Fn(&Ray, f64, At) -> Partials,
+    motion: &dyn Fn(&Context, f64, &Point, &Watch) -> Partials,
     rng: &mut Rng,
     emit: &mut dyn FnMut(&Sample),
 ) {
@@ -158,7 +155,8 @@ pub fn outward(
             if let Some(q) = cx.sensor.project(y).filter(|q| within && cx.on_film(q.film)) {
                 if let Some(f) = seen(cx, &z, &q, rng) {
                     let film_per_sheet = if ray.crossed { q.pixels_per_area * ray.n.dot(q.w).abs() } else { 0.0 };
-                    let partials = motion(ray, rho, At::Medium);
+                    let point = Point::Medium(y);
+                    let partials = motion(cx, rho, &point, &Watch::itself(cx, &q, &point));
                     let partials = partials.as_slice();
                     emit(&Sample { film: q.film, flux: flux * f, partials, film_per_sheet, outward: density });
                 }
@@ -174,7 +172,8 @@ pub fn outward(
             let weight = e * (ray.spread(h.t) / ray.across);
             if let Some(q) = cx.sensor.project(h.p).filter(|q| within && cx.on_film(q.film)) {
                 if let Some(f) = seen(cx, &z, &q, rng) {
-                    let partials = motion(ray, h.t, At::Seen(&h, q.w));
+                    let point = Point::Surface(h);
+                    let partials = motion(cx, h.t, &point, &Watch::itself(cx, &q, &point));
                     let partials = partials.as_slice();
                     emit(&Sample { film: q.film, flux: weight * f, partials, film_per_sheet: 0.0, outward: 1.0 });
                 }
@@ -192,10 +191,11 @@ pub fn outward(
     }
     let k = usize::from(rng.uniform() * total >= size[0]);
     if let Some((z, weight, rho)) = starts[k] {
-        let partials = motion(ray, rho, z.hit.as_ref().map_or(At::Medium, At::Surface));
+        let point = z.hit.map_or(Point::Medium(z.p), Point::Surface);
+        let later = |cx: &Context, watch: &Watch| motion(cx, rho, &point, watch);
         // Nothing scattered it yet.
         let source = ByOrder(vec![Rgb::ONE]);
-        let walk = LightWalk { reach, partials: partials.as_slice(), source: &source };
+        let walk = LightWalk { reach, motion: &later, source: &source };
         walk.run(cx, z, weight * (total / size[k]), rng, emit);
     }
 }

@@ -6,6 +6,7 @@
 //! reflecting surface one of the two parts is followed, chosen with a probability near its transmittance.
 
 use super::connect;
+use super::line::{Line, Part};
 use super::record::{Event, MediumSpan, Recorder};
 use super::tracking::{self, Forced};
 use super::walk::{Flight, Stage, State, Walker};
@@ -13,20 +14,12 @@ use crate::math::Rgb;
 use crate::medium::Volume;
 use crate::scene::{Hit, On, Scene};
 
-/// One medium span of the line, with the optical depth in front of it and in it.
-struct Piece {
-    span: MediumSpan,
-    before: Rgb,
-    depth: Rgb,
-}
-
 /// Start a camera path: score the extra connections and candidates of the line, return the state to walk on from
 /// (with the unscattered part pending where both are followed).
 pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     let scene = w.scene;
     let from_camera = s.clone();
-    let mut pieces: Vec<Piece> = Vec::new();
-    let mut total = Rgb::ZERO;
+    let mut line = Line::default();
     let mut crossings = 0;
     let end = loop {
         crossings += 1;
@@ -39,9 +32,7 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
             }
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
             let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());
-            let depth = tracking::depth(m, &span);
-            pieces.push(Piece { span, before: total, depth });
-            total += depth;
+            line.push(scene, span);
         }
         let Some(h) = hit else { break None };
         let shape = &scene.shapes[h.shape as usize];
@@ -58,6 +49,8 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
         s.on = s.on.crossed(&h, scene.tolerance(h.p));
         s.o = h.p;
     };
+    let Line { parts: pieces, total, .. } = &line;
+    let total = *total;
     if pieces.is_empty() {
         return unscattered(s, end, Rgb::ONE);
     }
@@ -67,13 +60,13 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
         glow(w, &mut s, &pieces[..=k], prefix);
     }
     if R::ON {
-        for p in &pieces {
+        for p in pieces {
             let at = |depth: Rgb| prefix * depth.map(|t| (-t).exp());
             w.rec.push(Event::Ends { span: p.span, start: at(p.before), end: at(p.before + p.depth) });
         }
     }
     let scatters = w.may_scatter(1);
-    let share = scatter_probability(w, &pieces, &end, transmitted, scatters);
+    let share = scatter_probability(w, pieces, &end, transmitted, scatters);
     if scatters {
         for k in 0..pieces.len() {
             side_estimates(w, &mut s, &pieces[..=k], prefix, share, total);
@@ -93,12 +86,12 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     if scattered {
         w.rec.push(Event::Chain);
         let p = if both { 1.0 } else { share.scatter };
-        let mut c = force_collision(w, s, &pieces, total, p);
-        c.pending = record_passing(w, passing, &pieces, true).map(Box::new);
+        let mut c = force_collision(w, s, &line, p);
+        c.pending = record_passing(w, passing, pieces, true).map(Box::new);
         return c;
     }
     let idle = State { stage: Stage::Done, ..s };
-    record_passing(w, passing, &pieces, false).unwrap_or(idle)
+    record_passing(w, passing, pieces, false).unwrap_or(idle)
 }
 
 #[derive(Clone, Copy)]
@@ -110,7 +103,7 @@ struct Share {
 /// Whether both parts are followed, and otherwise how often the scattered one.
 fn scatter_probability<R: Recorder>(
     w: &Walker<R>,
-    pieces: &[Piece],
+    pieces: &[Part],
     end: &Option<Hit>,
     transmitted: Rgb,
     scatters: bool,
@@ -128,18 +121,8 @@ fn scatter_probability<R: Recorder>(
     }
 }
 
-/// Density per length of the forced collision at `t` of `piece`, per channel.
-fn forced_density(scene: &Scene, piece: &Piece, total: Rgb, t: f64) -> Rgb {
-    let m = &scene.media[piece.span.medium as usize];
-    let part = piece.span.until(t);
-    let depth = piece.before + tracking::depth(m, &part);
-    let (sigma_t, _) = m.coefficients(piece.span.o + piece.span.w * t);
-    // 1 - T of nothing is nothing: no collision is forced there.
-    Rgb::from_fn(|c| if total[c] > 0.0 { sigma_t[c] * (-depth[c]).exp() / -(-total[c]).exp_m1() } else { 0.0 })
-}
-
 /// Emission of the last of `pieces`, at a point drawn by transmittance: without variance where the medium is uniform.
-fn glow<R: Recorder>(w: &mut Walker<R>, s: &mut State, pieces: &[Piece], prefix: Rgb) {
+fn glow<R: Recorder>(w: &mut Walker<R>, s: &mut State, pieces: &[Part], prefix: Rgb) {
     let Some((piece, lead)) = pieces.split_last() else { return };
     let m = &w.scene.media[piece.span.medium as usize];
     if m.emission.is_none() || w.set.max_depth == 0 {
@@ -156,7 +139,7 @@ fn glow<R: Recorder>(w: &mut Walker<R>, s: &mut State, pieces: &[Piece], prefix:
 fn side_estimates<R: Recorder>(
     w: &mut Walker<R>,
     s: &mut State,
-    pieces: &[Piece],
+    pieces: &[Part],
     prefix: Rgb,
     share: Share,
     total: Rgb,
@@ -172,7 +155,7 @@ fn side_estimates<R: Recorder>(
         if R::ON {
             lead.iter().for_each(|q| w.rec.side_span(q.span));
         }
-        let density = |scene: &Scene, t: f64| forced_density(scene, piece, total, t).mean() * share.scatter;
+        let density = |scene: &Scene, t: f64| piece.forced_density(scene, total, t).mean() * share.scatter;
         connect::equiangular(w, s, piece.span, prefix * before, 0, first, density, None);
     }
     if let Some(rng) = w.rec.candidate_rng() {
@@ -180,7 +163,7 @@ fn side_estimates<R: Recorder>(
         if let Some((t, weight)) = tracking::transmittance_point(m, &piece.span, piece.depth, rng) {
             let p = piece.span.o + piece.span.w * t;
             let weight = prefix * before * weight;
-            let density = forced_density(w.scene, piece, total, t).mean() * share.scatter;
+            let density = piece.forced_density(w.scene, total, t).mean() * share.scatter;
             let flight = Flight { span: Some(piece.span), density, reach: None };
             w.rec.push(Event::Candidate { medium: piece.span.medium, p, w: piece.span.w, weight, flight });
         } else if piece.span.t1 == f64::INFINITY {
@@ -190,19 +173,16 @@ fn side_estimates<R: Recorder>(
 }
 
 /// A collision inside the line.
-fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Piece], total: Rgb, p: f64) -> State {
+fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p: f64) -> State {
     let scene = w.scene;
-    let Forced { piece: k, t, hero } = tracking::force(
-        pieces.iter().map(|q| (&scene.media[q.span.medium as usize], &q.span, q.before, q.depth)),
-        total,
-        &mut s.rng,
-    );
+    let Forced { piece: k, t, hero } = line.force(scene, &mut s.rng);
+    let (pieces, total) = (&line.parts, line.total);
     let piece = &pieces[k];
     let m = &scene.media[piece.span.medium as usize];
     let point = piece.span.o + piece.span.w * t;
     let gray = total.is_gray() && m.gray;
     // Only competing connections and chromatic weights ask for it.
-    let density = if gray && !scene.weighs_flights() { Rgb::ZERO } else { forced_density(scene, piece, total, t) };
+    let density = if gray && !scene.weighs_flights() { Rgb::ZERO } else { piece.forced_density(scene, total, t) };
     if gray {
         s.beta *= m.albedo_at(point) * (-(-total[0]).exp_m1() / p);
     } else {
@@ -246,7 +226,7 @@ fn unscattered(mut s: State, end: Option<Hit>, beta: Rgb) -> State {
 fn record_passing<R: Recorder>(
     w: &mut Walker<R>,
     passing: Option<State>,
-    pieces: &[Piece],
+    pieces: &[Part],
     pending: bool,
 ) -> Option<State> {
     let mut s = passing?;

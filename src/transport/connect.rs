@@ -6,7 +6,7 @@
 //! survival probability of a sampled direction.
 
 use super::aim::{Aim, Turn};
-use super::record::{End, Event, MediumSpan, Recorder};
+use super::record::{Drawn, End, Event, MediumSpan, Recorder};
 use super::transmit;
 use super::walk::{Flight, State, Walker};
 use super::{beside, light_centred};
@@ -133,6 +133,7 @@ pub fn equiangular<R: Recorder>(
     if R::ON {
         w.rec.side_span(part);
     }
+    let via = Drawn { medium: span.medium, p, sigma: sigma_s, span, lead: w.rec.side_len() - first };
     let m = one_minus_cos(span.w, a.w);
     let f = medium.phase.eval(m);
     let weight = prefix * transmittance * (f * a.factor / (equi + flight + centred));
@@ -140,17 +141,7 @@ pub fn equiangular<R: Recorder>(
     let aim = beside::follows(w, light, s.left, p, reach.map(|r| r.0))
         .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));
     let end = End::of(light, p, &a);
-    score(
-        w,
-        &a,
-        end,
-        weight * t,
-        depth + 1,
-        first,
-        [Some((span.medium, m)), None],
-        Some((span.medium, p, sigma_s)),
-        aim,
-    );
+    score(w, &a, end, weight * t, depth + 1, first, [Some((span.medium, m)), None], Some(via), aim);
 }
 
 /// Weight against direction sampling, trace the shadow ray, score.
@@ -186,19 +177,19 @@ pub(super) fn score<R: Recorder>(
     order: u32,
     first_span: u32,
     phase: [Option<(u32, f64)>; 2],
-    scatter: Option<(u32, DVec3, Rgb)>,
+    via: Option<Drawn>,
     aim: Option<Aim>,
 ) {
     if order < w.set.min_order {
         return;
     }
-    let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);
+    let sigma_s = via.map_or(Rgb::ONE, |d| d.sigma);
     let value = weight * sigma_s * a.emission.color();
     w.value += value;
     w.rec.score(order, value);
     if R::ON {
         let spans = w.rec.side_len() - first_span;
-        w.rec.push(Event::Connect { weight, emission: a.emission, end, first_span, spans, phase, scatter });
+        w.rec.push(Event::Connect { weight, emission: a.emission, end, first_span, spans, phase, via });
         if let Some(aim) = aim {
             w.rec.push(Event::Aim { aim, value });
         }

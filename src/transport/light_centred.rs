@@ -6,7 +6,7 @@
 //! `p(y) = 2R / (π (R² + r²)) / (4π r²)` with R = ‖x-p‖, cancels the pole at the light; the balance heuristic of the three bounds all [T] (61), (63).
 
 use super::aim::{Aim, Turn};
-use super::record::{End, MediumSpan, Recorder};
+use super::record::{Drawn, End, MediumSpan, Recorder};
 use super::walk::{State, Walker};
 use super::{beside, connect};
 use super::{tracking, transmit};
@@ -143,6 +143,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let sight = Sight::new(w, s, vertex, y, Some(&mut rng));
     s.rng = rng;
     let Some(sight) = sight else { return };
+    let lead = w.rec.side_len() - first;
     let Sight { span, t, per_length, density: p_direction, .. } = sight;
     let m = &scene.media[span.medium as usize];
     let (_, sigma_s) = m.coefficients(y);
@@ -170,5 +171,6 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside)
     });
     let end = End::of(light, y, &a);
-    connect::score(w, &a, end, weight * shadow, s.depth + 1, first, phases, Some((span.medium, y, sigma_s)), aim);
+    let via = Drawn { medium: span.medium, p: y, sigma: sigma_s, span, lead };
+    connect::score(w, &a, end, weight * shadow, s.depth + 1, first, phases, Some(via), aim);
 }

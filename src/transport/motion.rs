@@ -1,213 +1,442 @@
-//! Interior motion on surfaces: term M of [T] section 3 where shapes, lamps or the camera move.
+//! Interior motion: term M of [T] section 3 where shapes, lamps or the camera move.
 //!
-//! Every surface vertex is a material point x and moves with its shape, ẋ = v(x); only the first one stays on its film point's ray and
-//! slides, ẋ = u + ṫ ω (u: the ray's own velocity there, ω its direction, ṫ = <n, v-u>/<n,ω>; [T] (13), (60)). A path's contribution is
-//! `Π f G` over vertices and segments ([T] (23)), so it changes by
+//! Every vertex has a velocity that belongs to the point, whatever technique drew it ([T] (61)): surface vertices are material, ẋ = v(x); medium
+//! vertices follow the field V around moving shapes ([`super::field`]); the first vertex stays on its film point's ray, and later ones take over what
+//! it does on top of that ([`super::first`]). A path's contribution is `Π f G T` over vertices and segments ([T] (23)), so it changes by
 //!
-//! * `ċ_x/c_x + ċ_z/c_z - 2ḋ/d` a segment from x to z ([T] (27b)), c_x by the shading normal (it belongs to f), c_z by the geometric one;
-//! * `J̇ = div_S v` a vertex, but for the first one;
-//! * nothing for the camera's segment: the film is fixed.
+//! * `ċ_x/c_x + ċ_z/c_z - 2ḋ/d - τ̇` a segment from x to z ([T] (27b); c = 1 in a medium; τ: [`super::piece`]), c_x by the shading normal (it belongs to f), c_z by the
+//!   geometric one;
+//! * the slope of the phase function as directions turn, `<ẋ, ∇σ_s>/σ_s` where σ_s is no constant;
+//! * `J̇ = div ẋ` a vertex;
+//! * on the camera's segment `τ̇` only: the film is fixed.
 //!
-//! The velocity belongs to the point, whatever technique drew it ([T] (61)); silhouettes have rooms of their own.
+//! Silhouettes have rooms of their own.
 
-use super::record::End;
+use super::field::{Field, classes};
+use super::first::{FilmLine, First, Seen};
+use super::piece::{Piece, Stop};
+use super::record::{Drawn, End, MediumSpan};
+use super::velocity::{Rate, Source, Velocity};
 use crate::light::{LightKind, spot_falloff};
 use crate::math::{DVec3, Rgb, gradient};
-use crate::params::{Covector, Mover, ParamSet, Sink};
+use crate::params::{Covector, ParamSet, Sink};
+use crate::phase::one_minus_cos;
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
 use crate::shape::Shape;
 
-/// Which shapes move, and whether the camera does.
+/// Which shapes move, how medium points follow, and whether the camera moves.
 #[derive(Clone, Debug, Default)]
 pub struct Moving {
-    shapes: Vec<bool>,
-    camera: bool,
+    pub field: Field,
+    pub camera: bool,
     any: bool,
 }
 
 impl Moving {
     pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Moving {
-        let shapes: Vec<bool> = scene
-            .shapes
-            .iter()
-            .map(|s| !scene.is_null(s) && params.block_active(s.mover.first, Mover::SLOTS))
-            .collect();
+        let classes = classes(scene, params);
         let camera = sensor.moves(params);
-        Moving { any: camera || shapes.iter().any(|&m| m), shapes, camera }
+        let any = camera || classes.iter().any(Option::is_some);
+        Moving { any, field: Field::new(scene, classes), camera }
     }
 
     pub fn any(&self) -> bool {
         self.any
     }
+
+    pub fn moves(&self, shape: u32) -> bool {
+        self.field.class(shape).is_some()
+    }
+
+    pub fn film_line<'a>(&'a self, scene: &'a Scene) -> FilmLine<'a> {
+        FilmLine { scene, field: &self.field, camera: self.camera }
+    }
+
+    /// Velocity of a later medium vertex, and its divergence.
+    pub fn in_medium(&self, scene: &Scene, first: &First, p: DVec3) -> (Velocity, Rate) {
+        let (v, mut rate) = self.field.at(scene, p);
+        let v = first.carry(p, v, &mut rate);
+        (v, rate)
+    }
+
+    /// What a later surface point does on top of its matter, and the divergence of that.
+    pub fn on_surface(first: &First, p: DVec3) -> (Velocity, Rate) {
+        let mut rate = Rate::default();
+        let v = first.carry(p, Velocity::default(), &mut rate);
+        (v, rate)
+    }
+}
+
+/// The far end of a segment.
+#[derive(Clone, Debug)]
+enum Tip {
+    /// A surface point: its shape's matter, and what it does on top of it.
+    Surface { shape: u32, p: DVec3, n: DVec3, carried: Velocity, spread: Rate },
+    /// A medium point; `turned`: on how the segment's direction turns there.
+    Medium { p: DVec3, velocity: Velocity, turned: Covector },
+    /// A light with a position and no extent, which stands still here: its own motion is [`super::aim`]'s.
+    Point(u32),
+    /// A direction, unit.
+    Infinity(DVec3),
 }
 
 /// A segment that leaves the vertex at hand, and all that was collected along it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Leg {
-    end: End,
+    tip: Tip,
     value: Rgb,
     /// Of that, what a lamp emits there: nobody else counts its point's Jacobian.
     emitted: Rgb,
+    pieces: Vec<Piece>,
 }
 
 /// Going backward over a path: what left the vertex that comes next.
 #[derive(Clone, Debug, Default)]
 pub struct Chain {
     next: Option<Leg>,
+    /// Of the segment that `next` is at the end of.
+    pieces: Vec<Piece>,
     connections: Vec<Leg>,
+}
+
+/// What a chain is told about its scene, and the path's first vertex.
+pub struct Chained<'a, S: Sink> {
+    pub scene: &'a Scene,
+    pub sensor: &'a Sensor,
+    pub moving: &'a Moving,
+    pub first: &'a First,
+    pub sink: &'a mut S,
 }
 
 impl Chain {
     pub fn clear(&mut self) {
         self.next = None;
+        self.pieces.clear();
         self.connections.clear();
     }
 
+    /// A span of the segment at hand: connections that left it further on have passed it too.
+    pub fn span(&mut self, scene: &Scene, span: &MediumSpan) {
+        let Some(piece) = Piece::of(scene, span) else { return };
+        self.pieces.push(piece);
+        self.connections.iter_mut().for_each(|leg| leg.pieces.push(piece));
+    }
+}
+
+impl<S: Sink> Chained<'_, S> {
+    fn tip(&self, end: End) -> Tip {
+        match end {
+            End::Shape { shape, p, n } => {
+                let (carried, spread) = Moving::on_surface(self.first, p);
+                Tip::Surface { shape, p, n, carried, spread }
+            }
+            End::Point(light) => Tip::Point(light),
+            End::Infinity(w) => Tip::Infinity(w),
+        }
+    }
+
     /// Light met by the walk.
-    pub fn arrive(&mut self, end: End, value: Rgb) {
-        match &mut self.next {
+    pub fn arrive(&mut self, chain: &mut Chain, end: End, value: Rgb) {
+        match &mut chain.next {
             // The lamp reflects light as well: one segment leads to both.
             Some(leg) => {
                 leg.value += value;
                 leg.emitted += value;
             }
-            none => *none = Some(Leg { end, value, emitted: value }),
+            none => *none = Some(Leg { tip: self.tip(end), value, emitted: value, pieces: Vec::new() }),
         }
     }
 
-    pub fn connect(&mut self, end: End, value: Rgb) {
-        self.connections.push(Leg { end, value, emitted: value });
+    /// A connection over these spans.
+    pub fn connect(&mut self, chain: &mut Chain, end: End, value: Rgb, spans: &[MediumSpan]) {
+        let pieces = spans.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
+        chain.connections.push(Leg { tip: self.tip(end), value, emitted: value, pieces });
     }
 
-    /// The vertex that all legs left; `first` from the camera.
-    pub fn vertex(
+    /// A connection by way of a medium point that the walk did not visit. `unscattered`: its value without σ_s of that point.
+    pub fn connect_through(
         &mut self,
-        scene: &Scene,
-        sensor: &Sensor,
-        moving: &Moving,
-        hit: &Hit,
-        wi: DVec3,
-        first: bool,
-        sink: &mut impl Sink,
+        chain: &mut Chain,
+        via: &Drawn,
+        end: End,
+        [value, unscattered]: [Rgb; 2],
+        spans: &[MediumSpan],
+        seen: bool,
     ) {
-        let mut v = Vertex { scene, moving, hit, at: Covector::default(), turn: Covector::default() };
-        let mut after = Rgb::ZERO;
-        for leg in self.connections.drain(..).chain(self.next.take()) {
-            after += leg.value;
-            v.leave(&leg, sink);
-        }
-        if first {
-            v.slide(sensor, -wi, sink);
+        let (lead, way) = spans.split_at((via.lead as usize).min(spans.len()));
+        let pieces = way.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
+        let leg = Leg { tip: self.tip(end), value, emitted: value, pieces };
+        let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
+        v.leave(self, leg);
+        v.source(self.scene.media[via.medium as usize].sigma_s_gradient(via.p), unscattered);
+        self.medium_point(chain, v, value, &Seen::Medium { p: via.p, span: via.span }, lead, seen);
+    }
+
+    /// Light that a medium emits. `dark`: its value without σ_a L_e.
+    pub fn glow(&mut self, chain: &mut Chain, via: &Drawn, value: Rgb, dark: Rgb, spans: &[MediumSpan], seen: bool) {
+        let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
+        v.source(self.scene.media[via.medium as usize].glow_gradient(via.p), dark);
+        self.medium_point(chain, v, value, &Seen::Medium { p: via.p, span: via.span }, spans, seen);
+    }
+
+    /// A medium point beside the walk: the camera's own first vertex (`seen`), or the end of a segment from the vertex at hand.
+    fn medium_point(&mut self, chain: &mut Chain, v: Vertex, value: Rgb, at: &Seen, lead: &[MediumSpan], seen: bool) {
+        if seen {
+            let first = self.moving.film_line(self.scene).first(at);
+            v.be_first(self, &first, value);
+            lead.iter().for_each(|s| self.camera_span(s, &first, value));
         } else {
-            v.ride(after, sink);
+            let pieces = lead.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
+            let tip = v.ride(self, value);
+            chain.connections.push(Leg { tip, value, emitted: Rgb::ZERO, pieces });
         }
-        let end = End::Shape { shape: hit.shape, p: hit.p, n: hit.n };
-        self.next = Some(Leg { end, value: after, emitted: Rgb::ZERO });
+    }
+
+    /// A collision that all legs left. `is_first`: seen by the camera.
+    pub fn scatter(&mut self, chain: &mut Chain, medium: u32, p: DVec3, travel: DVec3, is_first: bool) {
+        let mut v = Vertex::new(Place::Medium { medium, p, travel });
+        let after = v.leave_all(self, chain);
+        let m = &self.scene.media[medium as usize];
+        if !m.is_homogeneous() {
+            let sigma_s = m.coefficients(p).1;
+            v.source(
+                m.sigma_s_gradient(p),
+                Rgb::from_fn(|c| if sigma_s[c] > 0.0 { after[c] / sigma_s[c] } else { 0.0 }),
+            );
+        }
+        self.turn_to(chain, v, after, is_first);
+    }
+
+    /// The surface vertex that all legs left.
+    pub fn reflect(&mut self, chain: &mut Chain, hit: &Hit, is_first: bool) {
+        let mut v = Vertex::new(Place::Surface(hit));
+        let after = v.leave_all(self, chain);
+        self.turn_to(chain, v, after, is_first);
+    }
+
+    fn turn_to(&mut self, chain: &mut Chain, v: Vertex, after: Rgb, is_first: bool) {
+        if is_first {
+            let first = self.first;
+            v.be_first(self, first, after);
+            chain.clear();
+        } else {
+            let tip = v.ride(self, after);
+            chain.next = Some(Leg { tip, value: after, emitted: Rgb::ZERO, pieces: Vec::new() });
+        }
+    }
+
+    /// A span of the camera line on the way to its first vertex.
+    pub fn camera_span(&mut self, span: &MediumSpan, first: &First, value: Rgb) {
+        let Some(piece) = Piece::of(self.scene, span).filter(|_| !value.is_zero()) else { return };
+        let [a, mut b] = self.moving.film_line(self.scene).ends(&piece);
+        if piece.to == Stop::Free && piece.t1.is_finite() {
+            b = first.velocity.clone();
+        }
+        if a.is_zero() && b.is_zero() {
+            return;
+        }
+        let forms = piece.depth_forms(self.scene);
+        for (velocity, form) in [a, b].iter().zip(forms) {
+            velocity.apply(self.scene, self.sensor, &form.weighed(-value), self.sink);
+        }
     }
 }
 
-/// What asks for the velocity of a vertex and of its shading normal.
+/// What a vertex is.
+#[derive(Clone, Copy, Debug)]
+enum Place<'a> {
+    Surface(&'a Hit),
+    Medium { medium: u32, p: DVec3, travel: DVec3 },
+}
+
+/// What asks for the velocity of a vertex.
 struct Vertex<'a> {
-    scene: &'a Scene,
-    moving: &'a Moving,
-    hit: &'a Hit,
+    place: Place<'a>,
+    /// On its velocity.
     at: Covector,
+    /// On how its shading normal turns, or (in a medium) the direction of travel on arrival.
     turn: Covector,
 }
 
-impl Vertex<'_> {
-    fn leave(&mut self, leg: &Leg, sink: &mut impl Sink) {
-        let (x, value) = (self.hit.p, leg.value);
-        match leg.end {
-            End::Shape { shape, p, n } => {
-                let d = (p - x).length();
-                let w = (p - x) / d;
-                let cx = self.cosine(w, value);
-                let cz = -n.dot(w);
-                // On ż - ẋ.
-                let g = (self.hit.ns / cx - n / cz - w * 4.0) / d;
-                self.at.add(g, -value);
-                if self.moving.shapes[shape as usize] {
-                    let mover = &self.scene.shapes[shape as usize].mover;
-                    let mut c = Covector::default();
-                    c.add(g, value);
-                    mover.point(p, &c, sink);
-                    let mut c = Covector::default();
-                    c.add(w, value * (-1.0 / cz));
-                    mover.normal(n, &c, sink);
-                    mover.area(n, leg.emitted, sink);
-                }
+impl<'a> Vertex<'a> {
+    fn new(place: Place<'a>) -> Self {
+        Vertex { place, at: Covector::default(), turn: Covector::default() }
+    }
+
+    fn p(&self) -> DVec3 {
+        match self.place {
+            Place::Surface(hit) => hit.p,
+            Place::Medium { p, .. } => p,
+        }
+    }
+
+    /// A factor of gradient g beside `value`.
+    fn source(&mut self, g: [DVec3; 3], value: Rgb) {
+        for (c, g) in g.into_iter().enumerate() {
+            self.at.add(g, Rgb::channel(c, value[c]));
+        }
+    }
+
+    fn leave_all<S: Sink>(&mut self, cx: &mut Chained<S>, chain: &mut Chain) -> Rgb {
+        let mut after = Rgb::ZERO;
+        let mut next = chain.next.take();
+        if let Some(leg) = &mut next {
+            leg.pieces = std::mem::take(&mut chain.pieces);
+        }
+        chain.pieces.clear();
+        for leg in chain.connections.drain(..).chain(next) {
+            after += leg.value;
+            self.leave(cx, leg);
+        }
+        after
+    }
+
+    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: Leg) {
+        let (x, value, scene) = (self.p(), leg.value, cx.scene);
+        let (p, w, d) = match &leg.tip {
+            Tip::Surface { p, .. } | Tip::Medium { p, .. } => (*p, (*p - x).normalize(), (*p - x).length()),
+            Tip::Point(light) => {
+                let Some(p) = scene.lights[*light as usize].center() else { return };
+                (p, (p - x).normalize(), (p - x).length())
             }
-            End::Point(light) => {
-                let light = &self.scene.lights[light as usize];
-                let Some(p) = light.center() else { return };
-                let d = (p - x).length();
-                let w = (p - x) / d;
-                let cx = self.cosine(w, value);
-                let mut g = (self.hit.ns / cx - w * 3.0) / d;
-                if let LightKind::Spot { axis, beam, cutoff, .. } = light.kind {
+            Tip::Infinity(w) => (x, *w, f64::INFINITY),
+        };
+        // On ż - ẋ, and apart from each other.
+        let mut between = Covector::default();
+        let (mut near, mut far) = (Covector::default(), Covector::default());
+        between.add(w, value * (-2.0 / d));
+        // How the direction turns is across/d of ż - ẋ.
+        let mut turning = Covector::default();
+        match self.place {
+            Place::Surface(hit) => {
+                let c = hit.ns.dot(w);
+                self.turn.add(w, value * (1.0 / c));
+                turning.add(hit.ns, value * (1.0 / c));
+            }
+            Place::Medium { medium, travel, .. } => {
+                let phase = &scene.media[medium as usize].phase;
+                let (f, df) = phase.eval_with_slope(one_minus_cos(travel, w));
+                turning.add(travel, value * (-df / f));
+                self.turn.add(w, value * (-df / f));
+            }
+        }
+        match &leg.tip {
+            Tip::Surface { n, .. } => turning.add(*n, value * (1.0 / n.dot(w))),
+            Tip::Medium { turned, .. } => turning += *turned,
+            Tip::Point(light) => {
+                if let LightKind::Spot { axis, beam, cutoff, .. } = scene.lights[*light as usize].kind {
                     let (s, [ds]) = gradient([-w.dot(axis)], |[c]| spot_falloff(c, beam.into(), cutoff.into()));
                     if s > 0.0 {
-                        g -= (axis - w * w.dot(axis)) * (ds / (s * d));
+                        turning.add(axis, value * (-ds / s));
                     }
                 }
-                self.at.add(g, -value);
             }
-            End::Infinity(w) => {
-                self.cosine(w, value);
+            Tip::Infinity(_) => {}
+        }
+        if d < f64::INFINITY {
+            between += turning.across(w).scaled(1.0 / d);
+            near += between.scaled(-1.0);
+            far += between;
+        }
+        for piece in &leg.pieces {
+            let forms = piece.depth_forms(scene);
+            for (mut form, stop, q) in [(forms[0], piece.from, piece.start()), (forms[1], piece.to, piece.end())] {
+                if let Stop::Border(n) = stop {
+                    // The border's point keeps to it.
+                    let along = form.dot(w) * (1.0 / n.dot(w));
+                    form.add(n, -along);
+                }
+                let f = if d < f64::INFINITY { ((q - x).dot(w) / d).clamp(0.0, 1.0) } else { 0.0 };
+                let form = form.weighed(-value);
+                near += form.scaled(1.0 - f);
+                far += form.scaled(f);
             }
+        }
+        self.at += near;
+        match &leg.tip {
+            Tip::Medium { velocity, .. } => velocity.apply(scene, cx.sensor, &far, cx.sink),
+            Tip::Surface { shape, n, carried, spread, .. } => {
+                let mut turned = Covector::default();
+                turned.add(w, value * (1.0 / n.dot(w)));
+                move_surface(cx, *shape, p, *n, &far, &turned, carried);
+                if cx.moving.moves(*shape) {
+                    scene.shapes[*shape as usize].mover.area(*n, leg.emitted, cx.sink);
+                }
+                spread.apply(scene, cx.sensor, leg.emitted, cx.sink);
+            }
+            Tip::Point(_) | Tip::Infinity(_) => {}
         }
     }
 
-    /// The cosine at the vertex, `f_s |cos|`: on the normal's turning.
-    fn cosine(&mut self, w: DVec3, value: Rgb) -> f64 {
-        let cx = self.hit.ns.dot(w);
-        self.turn.add(w, value * (1.0 / cx));
-        cx
-    }
-
-    /// On a velocity along the surface, how the normal there changes.
-    fn bend(&self) -> Covector {
-        let Hit { p, ns, .. } = *self.hit;
-        match &self.scene.shapes[self.hit.shape as usize].shape {
-            Shape::Sphere(s) => self.turn.scaled(ns.dot(p - s.center).signum() / s.radius),
-            _ => Covector::default(),
-        }
-    }
-
-    /// A material point.
-    fn ride(&self, after: Rgb, sink: &mut impl Sink) {
-        if self.moving.shapes[self.hit.shape as usize] {
-            let mover = &self.scene.shapes[self.hit.shape as usize].mover;
-            mover.point(self.hit.p, &self.at, sink);
-            mover.area(self.hit.n, after, sink);
-            mover.normal(self.hit.ns, &self.turn, sink);
+    /// A later vertex, as the end of the segment that led to it.
+    fn ride<S: Sink>(self, cx: &mut Chained<S>, after: Rgb) -> Tip {
+        match self.place {
+            Place::Medium { p, .. } => {
+                let (velocity, rate) = cx.moving.in_medium(cx.scene, cx.first, p);
+                velocity.apply(cx.scene, cx.sensor, &self.at, cx.sink);
+                rate.apply(cx.scene, cx.sensor, after, cx.sink);
+                Tip::Medium { p, velocity, turned: self.turn }
+            }
+            Place::Surface(hit) => {
+                let (carried, spread) = Moving::on_surface(cx.first, hit.p);
+                move_surface(cx, hit.shape, hit.p, hit.ns, &self.at, &self.turn, &carried);
+                if cx.moving.moves(hit.shape) {
+                    cx.scene.shapes[hit.shape as usize].mover.area(hit.n, after, cx.sink);
+                }
+                spread.apply(cx.scene, cx.sensor, after, cx.sink);
+                Tip::Surface { shape: hit.shape, p: hit.p, n: hit.n, carried, spread }
+            }
         }
     }
 
     /// The first vertex: its film point's ray takes it along.
-    fn slide(&self, sensor: &Sensor, w: DVec3, sink: &mut impl Sink) {
-        let moves = self.moving.shapes[self.hit.shape as usize];
-        if !moves && !self.moving.camera {
-            return;
+    fn be_first<S: Sink>(self, cx: &mut Chained<S>, first: &First, after: Rgb) {
+        match self.place {
+            Place::Medium { .. } => {
+                first.velocity.apply(cx.scene, cx.sensor, &self.at, cx.sink);
+                first.stretch.apply(cx.scene, cx.sensor, after, cx.sink);
+                first.turn.apply(cx.scene, cx.sensor, &self.turn, cx.sink);
+            }
+            Place::Surface(hit) => {
+                first.velocity.apply(cx.scene, cx.sensor, &self.at, cx.sink);
+                // Sliding over the matter it sees another normal.
+                let mut over = first.velocity.clone();
+                if cx.moving.moves(hit.shape) {
+                    cx.scene.shapes[hit.shape as usize].mover.normal(hit.ns, &self.turn, cx.sink);
+                    over = over.plus(-1.0, &Velocity::of(Source::Shape(hit.shape), hit.p));
+                }
+                bend(cx, hit.shape, hit.p, hit.ns, &self.turn, &over);
+            }
         }
-        let Hit { p, n, .. } = *self.hit;
-        let instance = &self.scene.shapes[self.hit.shape as usize];
-        // Sliding over the matter, by ẋ - v, it sees another normal.
-        let bend = self.bend();
-        let mut at = self.at;
-        (0..3).for_each(|k| at.0[k] += bend.0[k]);
-        let along = at.dot(w) * (1.0 / n.dot(w));
-        if moves {
-            let mut c = bend.scaled(-1.0);
-            c.add(n, along);
-            instance.mover.point(p, &c, sink);
-            instance.mover.normal(self.hit.ns, &self.turn, sink);
-        }
-        if self.moving.camera {
-            at.add(n, -along);
-            sensor.point(p, &at, sink);
-        }
+    }
+}
+
+/// `<at, ẋ> + <turn, ṅ>` for a surface point that moves over its matter with `carried`.
+fn move_surface<S: Sink>(
+    cx: &mut Chained<S>,
+    shape: u32,
+    p: DVec3,
+    n: DVec3,
+    at: &Covector,
+    turn: &Covector,
+    carried: &Velocity,
+) {
+    if cx.moving.moves(shape) {
+        let mover = &cx.scene.shapes[shape as usize].mover;
+        mover.point(p, at, cx.sink);
+        mover.normal(n, turn, cx.sink);
+    }
+    if !carried.is_zero() {
+        carried.apply(cx.scene, cx.sensor, at, cx.sink);
+        bend(cx, shape, p, n, turn, carried);
+    }
+}
+
+/// `<turn, ṅ>` as a point moves over its surface.
+fn bend<S: Sink>(cx: &mut Chained<S>, shape: u32, p: DVec3, n: DVec3, turn: &Covector, over: &Velocity) {
+    if let Shape::Sphere(s) = &cx.scene.shapes[shape as usize].shape {
+        let form = turn.across(n).scaled(n.dot(p - s.center).signum() / s.radius);
+        over.apply(cx.scene, cx.sensor, &form, cx.sink);
     }
 }

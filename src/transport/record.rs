@@ -4,6 +4,7 @@
 //! Memory is bounded: a path longer than `CHUNK` events keeps checkpoints, and the sweep regenerates one chunk at a time.
 
 use super::aim::Aim;
+use super::first::Seen;
 use super::sweep::Candidates;
 use super::walk::{Flight, State};
 use crate::light::{Arrival, Emission};
@@ -92,6 +93,19 @@ impl End {
     }
 }
 
+/// A medium point that the walk did not visit.
+#[derive(Clone, Copy, Debug)]
+pub struct Drawn {
+    pub medium: u32,
+    pub p: DVec3,
+    /// σ_s, or for emission σ_a.
+    pub sigma: Rgb,
+    /// The span that it lies on, whole.
+    pub span: MediumSpan,
+    /// How many of the connection's own spans lead to it.
+    pub lead: u32,
+}
+
 #[derive(Clone, Copy, Debug)]
 pub enum Event {
     /// A new chain begins: what follows does not depend on what came before.
@@ -102,18 +116,18 @@ pub enum Event {
     Candidate { medium: u32, p: DVec3, w: DVec3, weight: Rgb, flight: Flight },
     /// A piece of the camera line, the weights of its start and of its end: candidates where they lie on borders that move.
     Ends { span: MediumSpan, start: Rgb, end: Rgb },
-    /// A collision: factor sigma_s of everything after it.
-    Scatter { medium: u32, p: DVec3 },
+    /// A collision after travelling along w, on this span where it is known: factor sigma_s of everything after it.
+    Scatter { medium: u32, p: DVec3, w: DVec3, span: Option<MediumSpan> },
     /// The phase function of the continuation.
     Turn { medium: u32, one_minus_mu: f64 },
     /// A reflection: factor rho. `prefix.beta/r` before it, for the candidate at small rho.
     Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
     /// Light met by the walk: `weight x emission` was added.
     Emit { weight: Rgb, emission: Emission, end: End },
-    /// Emission of the medium at a point of a span: `weight x sigma_a x L_e` was added, `emission` is L_e; own spans.
-    Glow { weight: Rgb, emission: Emission, medium: u32, p: DVec3, sigma_a: Rgb, first_span: u32, spans: u32 },
+    /// Emission of the medium at a point of a span: `weight x via.sigma x L_e` was added, `emission` is L_e; own spans.
+    Glow { weight: Rgb, emission: Emission, via: Drawn, first_span: u32, spans: u32 },
     /// A connection to a light: `weight x emission` was added; own spans, own phase, and for a point that the
-    /// walk did not visit (equi-angular), its own sigma_s as a further factor.
+    /// walk did not visit, its own sigma_s as a further factor.
     Connect {
         weight: Rgb,
         emission: Emission,
@@ -121,7 +135,7 @@ pub enum Event {
         first_span: u32,
         spans: u32,
         phase: [Option<(u32, f64)>; 2],
-        scatter: Option<(u32, DVec3, Rgb)>,
+        via: Option<Drawn>,
     },
     /// A connection of this value to a light that moves: its motion only.
     Aim { aim: Aim, value: Rgb },
@@ -182,13 +196,16 @@ impl Recorder for NoRecord {
 pub struct PathRecord {
     pub events: Vec<Event>,
     pub side: Vec<MediumSpan>,
-    pub chunk_starts: Vec<State>,
+    /// With the first vertex of the chain that goes on there.
+    pub chunk_starts: Vec<(State, Option<Seen>)>,
     /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
     pub candidates: Option<Candidates>,
     /// Events held at a time.
     pub chunk: usize,
     /// Lights that move, by their bits; 0 for the others.
     pub moving: Vec<u64>,
+    /// The first vertex of the chain at hand.
+    pub seen: Option<Seen>,
     unused: Rng,
 }
 
@@ -201,6 +218,7 @@ impl PathRecord {
             candidates: None,
             chunk: CHUNK,
             moving: Vec::new(),
+            seen: None,
             unused: Rng::keyed(0, 0, 0, 0),
         }
     }
@@ -223,6 +241,7 @@ impl Recorder for PathRecord {
     const ON: bool = true;
 
     fn push(&mut self, e: Event) {
+        Seen::follow(&mut self.seen, &e);
         self.events.push(e);
     }
 
@@ -251,7 +270,7 @@ impl Recorder for PathRecord {
         candidates.scan(scene, &self.events);
         self.events.clear();
         self.side.clear();
-        self.chunk_starts.push(state.clone());
+        self.chunk_starts.push((state.clone(), self.seen));
         false
     }
 

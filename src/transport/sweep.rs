@@ -14,7 +14,9 @@
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
 use super::border::{Borders, Place};
-use super::motion::{Chain, Moving};
+use super::chained::Starts;
+use super::first::Seen;
+use super::motion::{Chain, Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::walk::{Flight, Stage, State, Tally, Walker};
 use super::{aim, camera_line};
@@ -147,7 +149,7 @@ impl Candidates {
                         self.border(scene, place, weight, 0);
                     }
                 }
-                Event::Scatter { medium, p } => {
+                Event::Scatter { medium, p, .. } => {
                     let m = &self.facts.media[medium as usize];
                     if m.source {
                         let s = m.model.coefficients(p).1.max();
@@ -267,7 +269,8 @@ impl Sweep<'_> {
 
         // Backward: the last chunk is at hand, earlier ones are walked again.
         let mut chain = Chain::default();
-        let mut after = self.backward(rec, Rgb::ZERO, &mut chain, sink);
+        let open = rec.chunk_starts.last().and_then(|s| s.1);
+        let mut after = self.backward(rec, open, Rgb::ZERO, &mut chain, sink);
         let starts = std::mem::take(&mut rec.chunk_starts);
         for k in (0..starts.len()).rev() {
             rec.begin(None);
@@ -276,86 +279,90 @@ impl Sweep<'_> {
                 let s = camera_line::start(&mut w, first.clone());
                 w.run(s);
             } else {
-                w.run(starts[k - 1].clone());
+                w.run(starts[k - 1].0.clone());
             }
-            after = self.backward(rec, after, &mut chain, sink);
+            let open = if k == 0 { None } else { starts[k - 1].1 };
+            after = self.backward(rec, open, after, &mut chain, sink);
         }
         rec.chunk_starts = starts;
         self.derivative_vertex(candidates, sink, tally);
         value
     }
 
-    fn backward(&self, rec: &PathRecord, mut after: Rgb, chain: &mut Chain, sink: &mut impl Sink) -> Rgb {
-        let moving = &self.facts.moving;
-        for e in rec.events.iter().rev() {
-            match e {
-                Event::Chain => {
-                    after = Rgb::ZERO;
-                    chain.clear();
+    fn backward(
+        &self,
+        rec: &PathRecord,
+        open: Option<Seen>,
+        mut after: Rgb,
+        chain: &mut Chain,
+        sink: &mut impl Sink,
+    ) -> Rgb {
+        let mut starts = Starts::new(self.scene, &self.facts.moving, &rec.events, open);
+        for (k, e) in rec.events.iter().enumerate().rev() {
+            if let Some(start) = starts.at(k) {
+                let moving = &self.facts.moving;
+                let mut cx = Chained { scene: self.scene, sensor: self.sensor, moving, first: &start.first, sink };
+                start.event(&mut cx, chain, rec, k, after);
+            }
+            after = self.event(rec, e, after, sink);
+        }
+        after
+    }
+
+    /// What one event adds to the partials of values; returns what was collected from it on.
+    fn event(&self, rec: &PathRecord, e: &Event, mut after: Rgb, sink: &mut impl Sink) -> Rgb {
+        match e {
+            Event::Chain => after = Rgb::ZERO,
+            Event::Candidate { .. } => {}
+            Event::Ends { span, start, end } => self.glow_at_ends(span, [*start, *end], 0, sink),
+            Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
+            Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
+            Event::Span { span, prefix } => {
+                self.transmittance(span, after, sink);
+                if let Some(p) = prefix.filter(|_| self.facts.borders.any()) {
+                    let m = &self.scene.media[span.medium as usize];
+                    let end = super::tracking::walked_weight(m, span, span.t1, p.beta, p.r);
+                    self.glow_at_ends(span, [p.beta / p.r.mean(), end], p.depth, sink);
                 }
-                Event::Candidate { .. } => {}
-                Event::Ends { span, start, end } => self.glow_at_ends(span, [*start, *end], 0, sink),
-                Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
-                Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
-                Event::Span { span, prefix } => {
-                    self.transmittance(span, after, sink);
-                    if let Some(p) = prefix.filter(|_| self.facts.borders.any()) {
-                        let m = &self.scene.media[span.medium as usize];
-                        let end = super::tracking::walked_weight(m, span, span.t1, p.beta, p.r);
-                        self.glow_at_ends(span, [p.beta / p.r.mean(), end], p.depth, sink);
-                    }
+            }
+            Event::Turn { medium, one_minus_mu } => self.phase(*medium, *one_minus_mu, after, sink),
+            Event::Scatter { medium, p, .. } => self.source_score(*medium, *p, after, sink),
+            Event::Surface { surface, .. } => self.reflectance_score(*surface, after, sink),
+            Event::Emit { weight, emission, .. } => {
+                self.emission(*weight, emission, sink);
+                after += *weight * emission.color();
+            }
+            Event::Glow { weight, emission, via, first_span, spans } => {
+                self.emission(*weight * via.sigma, emission, sink);
+                let l = *weight * emission.color();
+                let value = l * via.sigma;
+                for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
+                    self.transmittance(span, value, sink);
                 }
-                Event::Turn { medium, one_minus_mu } => self.phase(*medium, *one_minus_mu, after, sink),
-                Event::Scatter { medium, p } => self.source_score(*medium, *p, after, sink),
-                Event::Surface { surface, hit, wi, prefix, .. } => {
-                    self.reflectance_score(*surface, after, sink);
-                    if moving.any() {
-                        chain.vertex(self.scene, self.sensor, moving, hit, *wi, prefix.depth == 0, sink);
-                    }
+                // Drawn without regard to sigma_a: nothing to divide by.
+                if self.facts.media[via.medium as usize].source {
+                    let m = &self.scene.media[via.medium as usize];
+                    m.sigma_a_partials(self.params, via.p, |slot, d| sink.add(slot, d * l));
                 }
-                Event::Emit { weight, emission, end } => {
-                    self.emission(*weight, emission, sink);
-                    let value = *weight * emission.color();
-                    if moving.any() {
-                        chain.arrive(*end, value);
-                    }
-                    after += value;
+                after += value;
+            }
+            Event::Connect { weight, emission, first_span, spans, phase, via, .. } => {
+                let sigma_s = via.map_or(Rgb::ONE, |d| d.sigma);
+                self.emission(*weight * sigma_s, emission, sink);
+                let value = *weight * sigma_s * emission.color();
+                for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
+                    self.transmittance(span, value, sink);
                 }
-                Event::Glow { weight, emission, medium, p, sigma_a, first_span, spans } => {
-                    self.emission(*weight * *sigma_a, emission, sink);
+                for (medium, m) in phase.iter().flatten() {
+                    self.phase(*medium, *m, value, sink);
+                }
+                if let Some(via) = via {
+                    // Drawn without regard to sigma_s: its derivative needs neither a division nor a share.
+                    let m = &self.scene.media[via.medium as usize];
                     let l = *weight * emission.color();
-                    let value = l * *sigma_a;
-                    for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
-                        self.transmittance(span, value, sink);
-                    }
-                    // Drawn without regard to sigma_a: nothing to divide by.
-                    if self.facts.media[*medium as usize].source {
-                        let m = &self.scene.media[*medium as usize];
-                        m.sigma_a_partials(self.params, *p, |slot, d| sink.add(slot, d * l));
-                    }
-                    after += value;
+                    m.sigma_s_partials(self.params, via.p, |slot, d| sink.add(slot, d * l));
                 }
-                Event::Connect { weight, emission, end, first_span, spans, phase, scatter } => {
-                    let sigma_s = scatter.map_or(Rgb::ONE, |(_, _, sigma_s)| sigma_s);
-                    self.emission(*weight * sigma_s, emission, sink);
-                    let value = *weight * sigma_s * emission.color();
-                    for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
-                        self.transmittance(span, value, sink);
-                    }
-                    if moving.any() {
-                        chain.connect(*end, value);
-                    }
-                    for (medium, m) in phase.iter().flatten() {
-                        self.phase(*medium, *m, value, sink);
-                    }
-                    if let Some((medium, p, _)) = scatter {
-                        // Drawn without regard to sigma_s: its derivative needs neither a division nor a share.
-                        let m = &self.scene.media[*medium as usize];
-                        let l = *weight * emission.color();
-                        m.sigma_s_partials(self.params, *p, |slot, d| sink.add(slot, d * l));
-                    }
-                    after += value;
-                }
+                after += value;
             }
         }
         after

@@ -8,7 +8,7 @@
 //! Techniques for one light path (direction or light sampling, free flight or equi-angular) are weighted by functions of
 //! the geometry alone, so the weights sum to one whatever the tracking inside them did.
 
-use super::record::{End, Event, MediumSpan, Prefix, Recorder};
+use super::record::{Drawn, End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use super::{beside, connect, light_centred};
 use crate::math::rng::Rng;
@@ -312,8 +312,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             lead.iter().for_each(|&l| self.rec.side_span(l));
             self.rec.side_span(span.until(t));
             let spans = self.rec.side_len() - first_span;
-            let medium = span.medium;
-            self.rec.push(Event::Glow { weight, emission, medium, p, sigma_a, first_span, spans });
+            let via = Drawn { medium: span.medium, p, sigma: sigma_a, span, lead: spans };
+            self.rec.push(Event::Glow { weight, emission, via, first_span, spans });
         }
     }
 
@@ -351,7 +351,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         s.vertex = s.o;
         s.tau = Rgb::ZERO;
         if R::ON {
-            self.rec.push(Event::Scatter { medium: id, p: s.o });
+            self.rec.push(Event::Scatter { medium: id, p: s.o, w: s.w, span: s.flight.span });
         }
         connect::from_medium(self, s, id);
         s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);

@@ -8,10 +8,10 @@ use std::path::Path;
 use tyndall::math::Rgb;
 use tyndall::params::ParamSet;
 use tyndall::render::driver::{Job, Mode, Outcome};
-use tyndall::render::plan::Terms;
+use tyndall::render::plan::{Plan, Terms};
 use tyndall::scene::Scene;
 use tyndall::scene::SceneDesc;
-use tyndall::scene::compile::LoadOptions;
+use tyndall::scene::compile::{LoadOptions, Orders};
 
 /// A scene from text, relative to the project's folder.
 pub fn scene(text: &str) -> (SceneDesc, Scene) {
@@ -19,10 +19,16 @@ pub fn scene(text: &str) -> (SceneDesc, Scene) {
 }
 
 pub fn scene_with(text: &str, overrides: &[(&str, &str)]) -> (SceneDesc, Scene) {
+    scene_of_orders(text, overrides, Orders::default())
+}
+
+/// Light of chosen numbers of scatterings only.
+pub fn scene_of_orders(text: &str, overrides: &[(&str, &str)], orders: Orders) -> (SceneDesc, Scene) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("test-scene.xml");
     let o: Vec<(String, String)> = overrides.iter().map(|(a, b)| (a.to_string(), b.to_string())).collect();
     let desc = SceneDesc::parse(text, &path, &o).unwrap_or_else(|e| panic!("{e}"));
-    let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+    let options = LoadOptions { orders, ..LoadOptions::default() };
+    let scene = Scene::compile(&desc, &options).unwrap_or_else(|e| panic!("{e}"));
     (desc, scene)
 }
 
@@ -83,8 +89,10 @@ pub fn forward(text: &str, wrt: &[&str], spp: u64) -> Vec<Estimate> {
     (0..=wrt.len()).map(|l| estimate(&o, l)).collect()
 }
 
+/// What to differentiate by; what `grad` would refuse is refused here too.
 pub fn params(desc: &SceneDesc, scene: &Scene, wrt: &[&str]) -> ParamSet {
     let names: Vec<String> = wrt.iter().map(|s| s.to_string()).collect();
+    Plan::new(desc, &names).and_then(|p| p.refuse()).unwrap_or_else(|e| panic!("{e}"));
     scene.param_set(desc, &names).unwrap_or_else(|e| panic!("{e}"))
 }
 

@@ -184,6 +184,15 @@ impl Grid {
         Some((1..8).map(corner).fold((first, first), |(a, b), p| (a.min(p), b.max(p))))
     }
 
+    /// The box at which a clipped field ends, as the image of `[-1,1]^3`; `None` where the field goes on as its background.
+    pub fn clip_box(&self) -> Option<DAffine3> {
+        self.frame.clip.filter(|_| self.lo.cmplt(self.hi).all())?;
+        let origin = DVec3::from(self.frame.origin.map(f64::from));
+        let half = (self.hi - self.lo) * 0.5;
+        let place = DAffine3::from_translation(origin + self.lo + half) * DAffine3::from_scale(half);
+        Some(self.frame.world_from_index * place)
+    }
+
     /// Node window and fractional position of a point in table space; `None` outside of the box.
     #[inline(always)]
     fn locate(&self, q: DVec3) -> Option<(&[f32], DVec3)> {

@@ -1,0 +1,429 @@
+//! Straight lines that graze edges, drawn from the edge outward ([T] 2.2), and the light that comes along them: what the rooms of [T] (24) share.
+//!
+//! A line grazes an edge at B and ends at S, toward the camera, and at D. It carries the light that leaves D, of any number of
+//! scatterings, to S and on into the picture: `∫dl ∫dω sin α ∫∫ ds_S ds_D (-v) P(S) T(S,D) R(D)` with `v = <n, ẋ_B - (d_D ẋ_S + d_S ẋ_D)/(d_S + d_D)>` (25), n toward
+//! the unblocked side; either end is the first surface or (with its ds) a medium point on the way. One pair of walks a sample: its cost is linear in path length. A
+//! sphere has the grazing lines `dA dθ/R` (B on it, θ the line's turn in the tangent plane) in place of `dl dω sin α`: what the
+//! edges of finer and finer polyhedra tend to.
+//!
+//! Directions come from the edge alone, or toward a point of a lamp; light emitted on a surface D is shared by both ([T] (61)), all
+//! other light belongs to the first.
+
+use super::edge_set::{EdgeSet, SharedEdge};
+use super::ends::{self, ByOrder, Point, Watch};
+use super::sheet::{Grazed, Partials};
+use super::{Context, Motion};
+use crate::light::LightKind;
+use crate::math::discrete::Discrete;
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb, warp};
+use crate::scene::{Hit, On, Scene};
+use crate::shape::edges::{Edge, Side};
+use crate::shape::{Geometry, Shape};
+use crate::transport::line::Line as Way;
+use crate::transport::walk::Stage;
+use std::f64::consts::{PI, TAU};
+
+/// Share of directions toward lamps, where there are any.
+const TO_LAMPS: f64 = 0.6;
+/// Weight of edges that stand still against such that move.
+const STILL: f64 = 0.25;
+
+enum Element {
+    Edge(SharedEdge),
+    Sphere {
+        c: DVec3,
+        r: f64,
+        grazed: Vec<(u32, Vec<u32>)>,
+    },
+    /// The rim of a disk, `c + x cos + y sin`.
+    Rim {
+        c: DVec3,
+        x: DVec3,
+        y: DVec3,
+        grazed: Vec<(u32, Vec<u32>)>,
+    },
+}
+
+/// Everything that lines may graze.
+pub struct Edges {
+    list: Vec<Element>,
+    table: Discrete,
+    /// Lamps with an extent, by power.
+    lamps: Discrete,
+}
+
+/// A line that grazes an element.
+pub struct Line {
+    b: DVec3,
+    /// Unit, from S to D.
+    w: DVec3,
+    /// Toward the unblocked side.
+    n: DVec3,
+    /// `sin α`, or `1/R`.
+    measure: f64,
+    /// Densities of both techniques, per `dl dω` (or `dA dθ`): from the edge, and toward the lamp that is met.
+    own: f64,
+    lamp: f64,
+    /// Drawn toward this lamp, at this distance.
+    target: Option<(u32, f64)>,
+}
+
+impl Edges {
+    /// `None` where nothing moves, or nothing has an edge.
+    pub fn new(scene: &Scene, motion: &Motion) -> Option<Edges> {
+        if !motion.surfaces() {
+            return None;
+        }
+        let mut list = Vec::new();
+        let mut weights = Vec::new();
+        let mut add = |e: Element, shape: u32, size: f64| {
+            if size > 0.0 && size.is_finite() {
+                list.push(e);
+                weights.push(size * if motion.moves(shape) { 1.0 } else { STILL });
+            }
+        };
+        for e in EdgeSet::new(scene, motion).list {
+            let size = (e.edge.b - e.edge.a).length() * wedge(&e.edge).1 * PI;
+            let shape = e.faces[0].0;
+            add(Element::Edge(e), shape, size);
+        }
+        for (i, s) in scene.shapes.iter().enumerate() {
+            let id = i as u32;
+            if scene.surfaces[s.surface as usize].is_null() {
+                continue;
+            }
+            match &s.shape {
+                Shape::Sphere(q) => {
+                    let e = Element::Sphere { c: q.center, r: q.radius, grazed: vec![(id, Vec::new())] };
+                    add(e, id, 4.0 * PI * TAU * q.radius);
+                }
+                Shape::Disk(d) => {
+                    let (x, y) = (d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y));
+                    let c = d.placement.point(DVec3::ZERO);
+                    let size = TAU * 0.5 * (x.length() + y.length()) * TAU * PI;
+                    add(Element::Rim { c, x, y, grazed: vec![(id, vec![0])] }, id, size);
+                }
+                _ => {}
+            }
+        }
+        let power = |l: &crate::light::Light| match l.kind {
+            LightKind::Area { shape } => l.value.max() * scene.shapes[shape as usize].shape.area(),
+            LightKind::Envmap(_) => l.value.max() * scene.bounds.radius().powi(2),
+            _ => 0.0,
+        };
+        let lamps = Discrete::new(scene.lights.iter().map(power));
+        let table = Discrete::new(weights);
+        (!list.is_empty()).then_some(Edges { list, table, lamps })
+    }
+
+    /// Probability that a direction is drawn toward the lamp.
+    fn lamp_share(&self, light: u32) -> f64 {
+        if self.lamps.total > 0.0 { TO_LAMPS * self.lamps.probability(light as usize) } else { 0.0 }
+    }
+
+    fn own_share(&self) -> f64 {
+        if self.lamps.total > 0.0 { 1.0 - TO_LAMPS } else { 1.0 }
+    }
+
+    /// Draw a line; the densities do not hold the element's probability.
+    fn draw<'a>(&'a self, scene: &Scene, element: &'a Element, rng: &mut Rng) -> Option<(Line, Grazed<'a>)> {
+        let lamp = if self.lamps.total > 0.0 && rng.uniform() < TO_LAMPS {
+            Some(self.lamps.sample(rng.uniform()).0 as u32)
+        } else {
+            None
+        };
+        let (t, u, v) = (rng.uniform(), rng.uniform(), rng.uniform());
+        match element {
+            Element::Edge(e) => {
+                let length = (e.edge.b - e.edge.a).length();
+                let b = e.edge.a + (e.edge.b - e.edge.a) * t;
+                let line = self.line(scene, &e.edge, b, length.recip(), lamp, u, v)?;
+                Some((line, &e.faces))
+            }
+            Element::Rim { c, x, y, grazed } => {
+                let (s, q) = (TAU * t).sin_cos();
+                let (b, along) = (*c + *x * q + *y * s, *y * q - *x * s);
+                let side = Side { face: 0, corner: *c };
+                let edge = Edge { a: b, b: b + along, sides: vec![side] };
+                let line = self.line(scene, &edge, b, 1.0 / (TAU * along.length()), lamp, u, v)?;
+                Some((line, grazed))
+            }
+            Element::Sphere { c, r, grazed } => {
+                let uniform = 1.0 / (4.0 * PI * r * r * TAU);
+                let line = match lamp {
+                    None => {
+                        let n = warp::sphere(u, v);
+                        let (x, y) = warp::frame(n);
+                        let (s, q) = (TAU * t).sin_cos();
+                        Line {
+                            b: *c + n * *r,
+                            w: x * q + y * s,
+                            n,
+                            measure: 1.0 / r,
+                            own: uniform,
+                            lamp: 0.0,
+                            target: None,
+                        }
+                    }
+                    Some(light) => {
+                        let LightKind::Area { shape } = scene.lights[light as usize].kind else { return None };
+                        let z = scene.shapes[shape as usize].shape.sample(u, v);
+                        let axis = *c - z.p;
+                        let d = axis.length();
+                        if d <= *r {
+                            return None;
+                        }
+                        let (sin, cos) = (r / d, ((d - r) * (d + r)).sqrt() / d);
+                        let (x, y) = warp::frame(axis / d);
+                        let (s, q) = (TAU * t).sin_cos();
+                        let m = x * q + y * s;
+                        let (to_b, n) = (axis / d * cos + m * sin, m * cos - axis / d * sin);
+                        let distance = d * cos;
+                        let density = self.sphere_density(*r, sin, distance, z.n.dot(to_b), z.pdf_area)?;
+                        Line {
+                            b: *c + n * *r,
+                            w: -to_b,
+                            n,
+                            measure: 1.0 / r,
+                            own: uniform,
+                            lamp: density,
+                            target: Some((light, distance)),
+                        }
+                    }
+                };
+                Some((line, grazed))
+            }
+        }
+    }
+
+    /// Lines toward a lamp's points: `dA dθ/R = dA_z cos_z sin β dψ/d` (β: half the angle that the sphere fills from z, ψ around it).
+    fn sphere_density(&self, r: f64, sin: f64, distance: f64, cos: f64, per_area: f64) -> Option<f64> {
+        (cos > 0.0).then(|| per_area / TAU * distance / (r * cos * sin))
+    }
+
+    /// A line through the point b of an edge, drawn with `per_length`.
+    fn line(
+        &self,
+        scene: &Scene,
+        edge: &Edge,
+        b: DVec3,
+        per_length: f64,
+        lamp: Option<u32>,
+        u: f64,
+        v: f64,
+    ) -> Option<Line> {
+        let t = (edge.b - edge.a).normalize();
+        let (first, width) = wedge(edge);
+        let own = per_length / (4.0 * width);
+        let (w, toward, target) = match lamp {
+            Some(light) => {
+                let a = scene.arrival(light, b, u, v)?;
+                (a.w, a.pdf * per_length, Some((light, a.distance)))
+            }
+            None => {
+                // Uniform in the angles around the edge that graze it, both ways, and in the cosine with it.
+                let z = 2.0 * u - 1.0;
+                let (half, v) = if v < 0.5 { (0.0, 2.0 * v) } else { (PI, 2.0 * v - 1.0) };
+                let (x, y) = frame_of(edge, t);
+                let (s, c) = (first + width * v + half).sin_cos();
+                ((x * c + y * s) * (1.0 - z * z).max(0.0).sqrt() + t * z, 0.0, None)
+            }
+        };
+        let normal = t.cross(w);
+        let sin = normal.length();
+        let side = edge.covered_side(normal);
+        (side != 0.0 && sin > 0.0).then(|| Line {
+            b,
+            w,
+            n: normal * (-side / sin),
+            measure: sin,
+            own,
+            lamp: toward,
+            target,
+        })
+    }
+
+    /// Density with which the point of a lamp that a line met would have been drawn.
+    fn toward(&self, scene: &Scene, element: &Element, line: &Line, per_length: f64, hit: Option<&Hit>) -> (u32, f64) {
+        let Some(h) = hit else {
+            let Some(id) = scene.environment else { return (0, 0.0) };
+            let pdf = scene.lights[id as usize].escape(line.w).map_or(0.0, |e| e.1);
+            return match element {
+                Element::Sphere { .. } => (id, 0.0),
+                _ => (id, pdf * per_length),
+            };
+        };
+        let shape = &scene.shapes[h.shape as usize];
+        let Some(light) = shape.light else { return (0, 0.0) };
+        let density = match element {
+            Element::Sphere { c, r, .. } => {
+                let (d, distance) = ((*c - h.p).length(), (line.b - h.p).length());
+                self.sphere_density(*r, r / d, distance, -h.n.dot(line.w), 1.0 / shape.shape.area()).unwrap_or(0.0)
+            }
+            _ => scene.area_pdf(light, line.b, line.w, h) * per_length,
+        };
+        (light, density)
+    }
+}
+
+/// The frame across an edge in which [`wedge`] counts angles: x toward the first face.
+fn frame_of(edge: &Edge, t: DVec3) -> (DVec3, DVec3) {
+    let across = |v: DVec3| v - t * v.dot(t);
+    let x = edge.sides.first().map_or_else(|| warp::frame(t).0, |s| across(s.corner - edge.a).normalize());
+    (x, t.cross(x))
+}
+
+/// Angles around an edge of lines that graze it: the first, and how many, in (0, π); the same again opposite.
+fn wedge(edge: &Edge) -> (f64, f64) {
+    let t = (edge.b - edge.a).normalize();
+    let [_, second] = &edge.sides[..] else { return (0.0, PI) };
+    let (x, y) = frame_of(edge, t);
+    let f = second.corner - edge.a;
+    let angle = f.dot(y).atan2(f.dot(x));
+    // Lines that part the two faces lie between them.
+    if angle >= 0.0 { (angle, PI - angle) } else { (0.0, PI + angle) }
+}
+
+/// What ends a line on its way w from the point b of an edge, if anything; `None` where it is blocked at once. What the edge stands on is left behind: it
+/// hides nothing from what it touches.
+fn near_end(scene: &Scene, b: DVec3, w: DVec3, grazed: Grazed) -> Option<Option<Hit>> {
+    let contact = ends::contact(scene);
+    let Some(first) = scene.opaque_past(b, w, f64::INFINITY, grazed) else { return Some(None) };
+    if first.t > contact {
+        return Some(Some(first));
+    }
+    // Away from it is where the shape itself is.
+    let owner = scene.shapes[grazed.first()?.0 as usize].shape.bounds().center() - b;
+    let leaves = first.n.dot(owner) * first.n.dot(w) > 0.0;
+    let second = || scene.opaque_past(b + w * (2.0 * contact), w, f64::INFINITY, grazed);
+    leaves.then(|| second().map(|h| Hit { t: h.t + 2.0 * contact, ..h }))
+}
+
+/// A line with what is on it.
+pub struct Graze<'a> {
+    line: Line,
+    element: &'a Element,
+    pub grazed: Grazed<'a>,
+    /// Its measure over the probability of the element.
+    pub scale: f64,
+    /// The surfaces at its ends, and the media up to there.
+    pub near: Option<Hit>,
+    far: Option<Hit>,
+    pub near_way: Way,
+    far_way: Way,
+}
+
+/// The end D of a line, and the light that leaves it toward B, over the density of drawing line and end.
+pub struct Far {
+    pub light: ByOrder,
+    pub at: Point,
+    pub distance: f64,
+}
+
+impl Graze<'_> {
+    pub fn b(&self) -> DVec3 {
+        self.line.b
+    }
+
+    /// Unit, from S to D.
+    pub fn w(&self) -> DVec3 {
+        self.line.w
+    }
+
+    pub fn near_distance(&self) -> f64 {
+        self.near.as_ref().map_or(f64::INFINITY, |h| h.t)
+    }
+
+    /// `-v_⊥` (25), for S at this distance, as the camera's path through S has it.
+    pub fn motion(&self, cx: &Context, near: &Point, distance: f64, far: &Far, watch: &Watch) -> Partials {
+        let Line { b, n, .. } = self.line;
+        let (ds, dd) = (distance, far.distance);
+        let (share_s, share_d) = if dd == f64::INFINITY { (1.0, 0.0) } else { (dd / (ds + dd), ds / (ds + dd)) };
+        let mut p = Partials::default();
+        if let Some((shape, _)) = self.grazed.first() {
+            p.extend(ends::material(cx.scene, *shape, b, -n));
+        }
+        ends::motion(cx, &far.at, &watch.later(), n * share_d, &mut p);
+        ends::motion(cx, near, watch, n * share_s, &mut p);
+        p
+    }
+}
+
+impl Edges {
+    /// Draw a line that nothing blocks at its edge.
+    pub fn sample(&self, cx: &mut Context, rng: &mut Rng) -> Option<Graze<'_>> {
+        let scene = cx.scene;
+        if self.table.total <= 0.0 {
+            return None;
+        }
+        let (k, probability, _) = self.table.sample(rng.uniform());
+        let element = &self.list[k];
+        let (line, grazed) = self.draw(scene, element, rng)?;
+        let (b, w) = (line.b, line.w);
+        let near = near_end(scene, b, -w, grazed)?;
+        let far = scene.opaque_past(b, w, f64::INFINITY, grazed);
+        // The edge may stand on D.
+        let far = far.map(|d| if d.t <= ends::contact(scene) { ends::beside(scene, &d, line.n) } else { d });
+        let way = |w: DVec3, end: &Option<Hit>| {
+            if scene.media.is_empty() {
+                return Some(Way::default());
+            }
+            let medium = scene.medium_toward(b, w, &On::default(), cx.outer);
+            Way::clear(scene, b, w, end.as_ref().map_or(f64::INFINITY, |h| h.t), medium)
+        };
+        let (Some(near_way), Some(far_way)) = (way(-w, &near), way(w, &far)) else {
+            cx.tally.missed_boundary += 1;
+            return None;
+        };
+        let scale = line.measure / probability;
+        Some(Graze { line, element, grazed, scale, near, far, near_way, far_way })
+    }
+
+    /// Draw the end D of a line: a point of its media, or the surface behind them.
+    pub fn far(&self, cx: &mut Context, g: &Graze, rng: &mut Rng) -> Option<Far> {
+        let (scene, line) = (cx.scene, &g.line);
+        let inside = ends::medium_share(scene, &g.far_way, g.far.is_some());
+        let own = self.own_share() * line.own;
+        let distance = g.far.as_ref().map_or(f64::INFINITY, |h| h.t);
+        let at = g.far.map_or(Point::Infinity, Point::Surface);
+        let transmittance = g.far_way.transmittance();
+        let met = |light: ByOrder| Some(Far { light, at, distance });
+        if let Some((light, target)) = line.target {
+            let hits = match &g.far {
+                Some(h) => scene.shapes[h.shape as usize].light == Some(light) && (h.t - target).abs() <= 1e-6 * target,
+                None => target == f64::INFINITY,
+            };
+            let front = g.far.as_ref().is_none_or(|h| h.n.dot(line.w) < 0.0);
+            if !hits || !front {
+                return None;
+            }
+            let density = own * (1.0 - inside) + self.lamp_share(light) * line.lamp;
+            let l = &scene.lights[light as usize];
+            let emission = match &g.far {
+                Some(_) => l.emission(Rgb::ONE),
+                None => l.escape(line.w).map_or_else(|| l.emission(Rgb::ZERO), |e| e.0),
+            };
+            return met(ByOrder(vec![emission.color() * transmittance * (1.0 / density)]));
+        }
+        if rng.uniform() < inside {
+            let (at, distance, mut light) = ends::medium_end(cx, &g.far_way, line.b, line.w, rng)?;
+            light.scale(Rgb::splat(1.0 / (own * inside)));
+            return Some(Far { light, at, distance });
+        }
+        let per_length = match g.element {
+            Element::Edge(e) => (e.edge.b - e.edge.a).length().recip(),
+            _ => line.own * 4.0 * PI,
+        };
+        let (light, toward) = self.toward(scene, g.element, line, per_length, g.far.as_ref());
+        let own = own * (1.0 - inside);
+        let both = own + self.lamp_share(light) * toward;
+        let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
+        let stage = g.far.map_or(Stage::Escape, Stage::Surface);
+        let mut found = ends::radiance(cx, line.b, line.w, stage, g.far_way.last, false, stream);
+        for (k, x) in found.0.iter_mut().enumerate() {
+            *x *= transmittance * (1.0 / if k == 0 { both } else { own });
+        }
+        met(found)
+    }
+}

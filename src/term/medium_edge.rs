@@ -1,0 +1,66 @@
+//! Silhouettes seen from a medium: term E2 of [T] section 3, [T] (24), (25): lines that graze an edge and end at a medium point toward the camera
+//! ([`super::grazing`]). Medium points move with their field ([T] (58)), so static edges near something that moves count as well.
+
+use super::ends::{self, Point, Watch};
+use super::grazing::Edges;
+use super::light_walk::{LightWalk, Vertex, seen};
+use super::sheet::Reach;
+use super::{Context, Motion, Room, Sample};
+use crate::math::rng::Rng;
+use crate::scene::Scene;
+use crate::sensor::Sensor;
+
+pub const NAME: &str = "medium_edge";
+
+pub struct MediumEdge {
+    edges: Edges,
+    reach: Reach,
+}
+
+impl MediumEdge {
+    pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<MediumEdge> {
+        let scatters = scene.media.iter().any(|m| !m.sigma_s.is_zero());
+        let edges = scatters.then(|| Edges::new(scene, motion))??;
+        Some(MediumEdge { edges, reach: Reach::new(scene, sensor) })
+    }
+}
+
+impl Room for MediumEdge {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    fn along(&self, _: &mut Context, _: [f64; 2], _: &mut Rng, _: &mut dyn FnMut(&Sample)) {}
+
+    fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        let scene = cx.scene;
+        if cx.set.max_depth <= 1 {
+            return;
+        }
+        let Some(g) = self.edges.sample(cx, rng) else { return };
+        // One end is drawn by depth, or by the angle that it subtends at the camera.
+        let eye: Vec<_> = self.reach.eye().map(|p| (p, 0.5)).into_iter().collect();
+        let Some(s) = ends::medium_point(scene, &g.near_way, g.b(), -g.w(), &eye, rng) else { return };
+        if s.sigma_s.is_zero() {
+            return;
+        }
+        let Some(far) = self.edges.far(cx, &g, rng).filter(|f| !f.light.is_zero()) else { return };
+        let z = Vertex { p: s.p, w: -g.w(), medium: Some(s.medium), hit: None };
+        let scale = s.transmittance * s.sigma_s * (g.scale / s.density);
+        let near = Point::Medium(s.p);
+        let motion = |cx: &Context, watch: &Watch| g.motion(cx, &near, s.distance, &far, watch);
+
+        let flux = far.light.shown(cx.set, 1) * scale;
+        if let Some(q) = cx.sensor.project(s.p).filter(|q| !flux.is_zero() && cx.on_film(q.film)) {
+            if let Some(f) = seen(cx, &z, &q, rng) {
+                let partials = motion(cx, &Watch::itself(cx, &q, &near));
+                let partials = partials.as_slice();
+                emit(&Sample { film: q.film, flux: flux * f, partials, film_per_sheet: 0.0, outward: 1.0 });
+            }
+        }
+        if cx.set.max_depth > 2 {
+            let walk = LightWalk { reach: &self.reach, motion: &motion, source: &far.light };
+            walk.run(cx, z, scale, rng, emit);
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! The field of velocities that points of media move with: [T] 2.3, (57), (58).
+//!
+//! Each class of opaque shapes that move alike carries the medium around it along, `V(y) = Σ ψ_k(y) v_k(y)` with
+//!
+//! `ψ_k = κ(δ_k/R_k) s²/(δ_k² + s²)`, `κ(t) = (1-t²)²` below 1 and 0 beyond, `s = min(δ_s, R_k)`,
+//!
+//! δ_k the distance to the class, R_k its size, δ_s the distance to everything else that medium points must not cross or leave behind: other
+//! opaque shapes, borders of media, lights that stand in them. On the class V is its own velocity, on all else 0, so that no face or border is
+//! swept (terms D and N do not arise) and scores of segments stay bounded. Where the class touches something else V
+//! has no limit but a bound, and its derivative grows like one over the distance, which is integrable.
+
+use super::velocity::{Rate, Source, Velocity};
+use crate::math::{DMat3, DVec3};
+use crate::medium::Volume;
+use crate::params::{Mover, ParamSet, Slot};
+use crate::scene::nearest::Kind;
+use crate::scene::{Instance, Scene};
+use crate::shape::{Bounds, Cube, Geometry};
+
+/// What moves alike has one number; what stands still, or is no opaque shape, none. Two fields of velocities are one if four points in
+/// general position move alike.
+pub fn classes(scene: &Scene, params: &ParamSet) -> Vec<Option<u32>> {
+    let probes = scene.bounds.probes();
+    let velocities = |s: &Instance| -> Vec<f64> {
+        let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+        let forms = probes.iter().flat_map(|&p| axes.map(|c| s.mover.forms(p, c)));
+        let tangent = |forms: [crate::params::Partial; 4], k: usize| -> f64 {
+            forms.iter().flat_map(|f| (0..3).map(move |j| f.v[j] * params.tangents(f.slot + j as Slot)[k])).sum()
+        };
+        forms.flat_map(|f| (0..params.len()).map(move |k| tangent(f, k))).collect()
+    };
+    let alike = |a: &[f64], b: &[f64]| {
+        let size = a.iter().chain(b).fold(0.0f64, |m, x| m.max(x.abs()));
+        a.iter().zip(b).all(|(x, y)| (x - y).abs() <= 1e-9 * size)
+    };
+    let mut fields: Vec<Vec<f64>> = Vec::new();
+    let class = |s: &Instance| {
+        let moves = !scene.is_null(s) && params.block_active(s.mover.first, Mover::SLOTS);
+        let f = moves.then(|| velocities(s))?;
+        let at = fields.iter().position(|g| alike(&f, g)).unwrap_or_else(|| {
+            fields.push(f);
+            fields.len() - 1
+        });
+        Some(at as u32)
+    };
+    scene.shapes.iter().map(class).collect()
+}
+
+/// `κ(t)` and its slope.
+pub fn decay(t: f64) -> (f64, f64) {
+    if t >= 1.0 {
+        return (0.0, 0.0);
+    }
+    let s = (1.0 - t) * (1.0 + t);
+    (s * s, -4.0 * t * s)
+}
+
+/// Shapes that move alike.
+#[derive(Clone, Debug)]
+struct Class {
+    id: u32,
+    bounds: Bounds,
+    /// R.
+    reach: f64,
+}
+
+/// Empty in a scene without media: nothing has to follow there.
+#[derive(Clone, Debug, Default)]
+pub struct Field {
+    class_of: Vec<Option<u32>>,
+    classes: Vec<Class>,
+    /// Whether the scene has media at all.
+    media: bool,
+    /// Lights that stand in media.
+    lights: Vec<DVec3>,
+    /// Boxes of grids at which their density may end.
+    boxes: Vec<Cube>,
+}
+
+/// A class's part of the field at a point.
+struct Pull {
+    shape: u32,
+    /// ψ and its gradient.
+    weight: f64,
+    slope: DVec3,
+}
+
+impl Field {
+    pub fn new(scene: &Scene, class_of: Vec<Option<u32>>) -> Field {
+        let media = !scene.media.is_empty();
+        let count = class_of.iter().flatten().max().map_or(0, |m| m + 1);
+        let class = |id: u32| {
+            let members = scene.shapes.iter().zip(&class_of).filter(|(_, c)| **c == Some(id));
+            let bounds = members.fold(Bounds::EMPTY, |b, (s, _)| b.union(&s.shape.bounds()));
+            Class { id, bounds, reach: bounds.radius() }
+        };
+        let classes = if media { (0..count).map(class).collect() } else { Vec::new() };
+        let embedded = |i: &u32| scene.embedded_selection(*i) > 0.0;
+        let lights = (0..scene.lights.len() as u32).filter(embedded);
+        let lights = lights.filter_map(|i| scene.lights[i as usize].center()).collect();
+        let boxed = |m: &crate::medium::Medium| match &m.density {
+            Volume::Grid(g) => g.clip_box().and_then(|b| Cube::new(b, false).ok()),
+            Volume::Constant(_) => None,
+        };
+        let boxes = scene.media.iter().filter_map(boxed).collect();
+        Field { class_of, classes, media, lights, boxes }
+    }
+
+    /// Whether medium points have to follow anything.
+    pub fn follows(&self) -> bool {
+        self.media
+    }
+
+    /// Shapes of one class move alike.
+    pub fn class(&self, shape: u32) -> Option<u32> {
+        self.class_of[shape as usize]
+    }
+
+    /// Distance to what medium points must not cross, of shapes those that `accept` takes, and its gradient; infinite beyond `radius`.
+    fn others(&self, scene: &Scene, y: DVec3, radius: f64, accept: &dyn Fn(u32, u32) -> bool) -> (f64, DVec3) {
+        let mut best: (f64, DVec3) = (f64::INFINITY, DVec3::ZERO);
+        let mut offer = |distance: f64, p: DVec3| {
+            if distance < best.0.min(radius) {
+                best = (distance, if distance > 0.0 { (y - p) / distance } else { DVec3::ZERO });
+            }
+        };
+        for &p in &self.lights {
+            offer((y - p).length(), p);
+        }
+        for b in &self.boxes {
+            let (p, _) = b.nearest(y);
+            offer((y - p).length(), p);
+        }
+        let limit = best.0.min(radius);
+        let opaque = scene.nearest_point(Kind::Opaque, y, limit, accept);
+        let limit = opaque.as_ref().map_or(limit, |n| n.distance);
+        let border = scene.nearest_point(Kind::Null, y, limit, &|s, _| scene.shapes[s as usize].boundary);
+        for n in [opaque, border].into_iter().flatten() {
+            if n.distance < best.0 {
+                best = (n.distance, if n.distance > 0.0 { (y - n.p) / n.distance } else { DVec3::ZERO });
+            }
+        }
+        best
+    }
+
+    fn pulls(&self, scene: &Scene, y: DVec3) -> Vec<Pull> {
+        let mut pulls = Vec::new();
+        for class in &self.classes {
+            let out = y - y.clamp(class.bounds.min, class.bounds.max);
+            if out.length_squared() >= class.reach * class.reach {
+                continue;
+            }
+            let own = |s: u32, _| self.class_of[s as usize] == Some(class.id);
+            let Some(near) = scene.nearest_point(Kind::Opaque, y, class.reach, &own) else { continue };
+            let d = near.distance;
+            let (k, slope) = decay(d / class.reach);
+            let (s, away) = self.others(scene, y, class.reach, &|s, f| !own(s, f));
+            let s = s.min(class.reach);
+            let sum = d * d + s * s;
+            if sum <= 0.0 || k == 0.0 {
+                continue;
+            }
+            let toward = if d > 0.0 { (y - near.p) / d } else { DVec3::ZERO };
+            let share = s * s / sum;
+            // share = 1 - d²/sum: by d, and by s.
+            let (by_d, by_s) = (-2.0 * d * s * s / (sum * sum), 2.0 * s * d * d / (sum * sum));
+            let slope = toward * (slope / class.reach * share + k * by_d) + away * (k * by_s);
+            pulls.push(Pull { shape: near.shape, weight: k * share, slope });
+        }
+        pulls
+    }
+
+    /// V at a point of a medium, and its divergence.
+    pub fn at(&self, scene: &Scene, y: DVec3) -> (Velocity, Rate) {
+        let (mut v, mut rate) = (Velocity::default(), Rate::default());
+        for pull in self.pulls(scene, y) {
+            let own = Velocity::of(Source::Shape(pull.shape), y);
+            rate.add(&own, pull.slope);
+            rate.add_divergence(pull.shape, pull.weight);
+            v = v.plus(1.0, &own.mapped(DMat3::from_diagonal(DVec3::splat(pull.weight))));
+        }
+        (v, rate)
+    }
+
+    /// Radius of a ball around `y` that meets nothing that medium points must not cross, the named face (of a sphere, all of it) excepted.
+    pub fn clearance(&self, scene: &Scene, y: DVec3, but: Option<(u32, u32)>) -> f64 {
+        self.others(scene, y, f64::INFINITY, &|s, f| Some((s, f)) != but).0
+    }
+}

@@ -1,0 +1,252 @@
+//! The first vertex of a path and what it carries along: [T] (60) and the decaying part of (58).
+//!
+//! The film is fixed. Where a camera ray meets a border or an opaque face, that point slides on the ray, `ẋ = u + ṫ w`, `ṫ = <n, v-u>/<n,w>` ((13); u: the
+//! ray's own velocity), and a medium vertex between two such points moves with their affine mix: no face or border is swept on the camera line.
+//!
+//! So the first vertex x moves otherwise than the field V around it ([`super::field`]), by `e = ẋ - V(x)`. All later points y of its path move with
+//! `V(y) + κ(‖y-x‖/ρ) E(y)`, E being e at x: their differences stay bounded by their distances (57). The part of e along the face
+//! that the camera ray ends on keeps to that face (on a sphere it is a turn about its centre) and may reach it; ρ keeps the rest, and either part, off
+//! everything that medium points must not cross.
+
+use super::field::{Field, decay};
+use super::piece::{Piece, Stop, onto, outer};
+use super::record::{Event, MediumSpan};
+use super::velocity::{Rate, Source, Velocity};
+use crate::math::{DMat3, DVec3};
+use crate::scene::nearest::Kind;
+use crate::scene::{Hit, Scene};
+use crate::shape::Shape;
+
+/// Radius of the ball over the distance to what it must not meet.
+const CLEAR: f64 = 0.9;
+
+/// Where a camera ray's first vertex is.
+#[derive(Clone, Copy, Debug)]
+pub enum Seen {
+    /// In a medium, on this span of the camera line.
+    Medium { p: DVec3, span: MediumSpan },
+    /// On a surface, along w.
+    Surface { hit: Hit, w: DVec3 },
+}
+
+impl Seen {
+    /// The first vertex of the chain at hand, after one more event.
+    pub fn follow(seen: &mut Option<Seen>, e: &Event) {
+        match *e {
+            Event::Chain => *seen = None,
+            Event::Scatter { p, span: Some(span), .. } if seen.is_none() => *seen = Some(Seen::Medium { p, span }),
+            Event::Surface { hit, wi, .. } if seen.is_none() => *seen = Some(Seen::Surface { hit, w: -wi }),
+            _ => {}
+        }
+    }
+}
+
+/// What a camera ray meets, in motion.
+pub struct FilmLine<'a> {
+    pub scene: &'a Scene,
+    pub field: &'a Field,
+    pub camera: bool,
+}
+
+/// A first vertex in motion.
+#[derive(Clone, Debug, Default)]
+pub struct First {
+    pub velocity: Velocity,
+    /// Of the measure dt along the ray.
+    pub stretch: Rate,
+    /// How the ray turns, ω̇.
+    pub turn: Velocity,
+    excess: Option<Excess>,
+}
+
+/// What later vertices take over from the first.
+#[derive(Clone, Debug)]
+struct Excess {
+    x: DVec3,
+    e: Velocity,
+    /// The face that the ray ends on, and the radius for what keeps to it.
+    guide: Option<(Guide, f64)>,
+    rho: f64,
+}
+
+/// A surface that a motion can keep to.
+#[derive(Clone, Copy, Debug)]
+enum Guide {
+    Plane(DVec3),
+    /// Centre, and the unit vector and distance from it to the first vertex.
+    Sphere(DVec3, DVec3, f64),
+}
+
+impl Guide {
+    /// From e to the motion at y that keeps to the surface.
+    fn along(&self, y: DVec3) -> DMat3 {
+        match *self {
+            Guide::Plane(n) => DMat3::IDENTITY - outer(n, n),
+            Guide::Sphere(c, m, r) => {
+                let u = y - c;
+                (DMat3::from_diagonal(DVec3::splat(m.dot(u))) - outer(m, u))
+                    * (DMat3::IDENTITY - outer(m, m))
+                    * (1.0 / r)
+            }
+        }
+    }
+
+    /// What of e does not keep to it.
+    fn across(&self) -> DMat3 {
+        match *self {
+            Guide::Plane(n) => outer(n, n),
+            Guide::Sphere(_, m, _) => outer(m, m),
+        }
+    }
+}
+
+impl Excess {
+    /// From e to the velocity at y on top of V, and the covectors on e that give its divergence.
+    fn at(&self, y: DVec3) -> (DMat3, DVec3) {
+        let off = y - self.x;
+        let d = off.length();
+        let toward = if d > 0.0 { off / d } else { DVec3::ZERO };
+        let (mut map, mut spread) = (DMat3::ZERO, DVec3::ZERO);
+        let mut part = |m: DMat3, radius: f64| {
+            if d < radius {
+                let (k, slope) = decay(d / radius);
+                map += m * k;
+                spread += m.transpose() * toward * (slope / radius);
+            }
+        };
+        match &self.guide {
+            Some((guide, radius)) => {
+                part(guide.along(y), *radius);
+                part(guide.across(), self.rho);
+            }
+            None => part(DMat3::IDENTITY, self.rho),
+        }
+        (map, spread)
+    }
+
+    fn reach(&self) -> f64 {
+        self.guide.map_or(self.rho, |g| g.1.max(self.rho))
+    }
+}
+
+impl FilmLine<'_> {
+    /// Velocity of the point `p` of a camera ray along w that ends, or changes its medium, there.
+    pub fn end(&self, p: DVec3, w: DVec3, stop: &Stop) -> Velocity {
+        let camera = if self.camera { Velocity::of(Source::Camera, p) } else { Velocity::default() };
+        match stop {
+            Stop::Free => camera,
+            Stop::Border(n) => camera.mapped(onto(*n, w)),
+            Stop::Opaque { shape, n, .. } => {
+                let on = camera.mapped(onto(*n, w));
+                if self.field.class(*shape).is_none() {
+                    return on;
+                }
+                let slide = outer(w, *n) * (1.0 / n.dot(w));
+                on.plus(1.0, &Velocity::of(Source::Shape(*shape), p).mapped(slide))
+            }
+        }
+    }
+
+    /// Velocities of both ends of a piece of a camera line.
+    pub fn ends(&self, piece: &Piece) -> [Velocity; 2] {
+        let to = if piece.t1.is_finite() { self.end(piece.end(), piece.w, &piece.to) } else { Velocity::default() };
+        [self.end(piece.start(), piece.w, &piece.from), to]
+    }
+
+    pub fn first(&self, seen: &Seen) -> First {
+        match seen {
+            Seen::Surface { hit, w } => self.surface(hit, *w),
+            Seen::Medium { p, span } => self.medium(*p, span),
+        }
+    }
+
+    fn surface(&self, hit: &Hit, w: DVec3) -> First {
+        let stop = Stop::Opaque { shape: hit.shape, face: hit.face, n: hit.n };
+        let velocity = self.end(hit.p, w, &stop);
+        let mut first = First { velocity, ..First::default() };
+        if self.field.follows() {
+            let mut e = first.velocity.clone();
+            if self.field.class(hit.shape).is_some() {
+                e = e.plus(-1.0, &Velocity::of(Source::Shape(hit.shape), hit.p));
+            }
+            first.excess = self.excess(hit.p, e, Some((hit.shape, hit.face, hit.n)), true);
+        }
+        first
+    }
+
+    fn medium(&self, p: DVec3, span: &MediumSpan) -> First {
+        let Some(piece) = Piece::of(self.scene, span) else { return First::default() };
+        let [a, b] = self.ends(&piece);
+        let w = piece.w;
+        let (before, length) = ((p - piece.start()).dot(w), piece.t1 - piece.t0);
+        let mut first = First::default();
+        if length.is_finite() {
+            let f = (before / length).clamp(0.0, 1.0);
+            first.stretch.add(&b, w / length);
+            first.stretch.add(&a, -w / length);
+            first.velocity = a.mapped(DMat3::from_diagonal(DVec3::splat(1.0 - f))).plus(f, &b);
+        } else if self.camera {
+            // The start's slide all along, and what the ray itself does.
+            let at = |p: DVec3| Velocity::of(Source::Camera, p);
+            first.velocity = a.plus(1.0, &at(p)).plus(-1.0, &at(piece.start()));
+            first.stretch.add(&at(p), w / before);
+            first.stretch.add(&at(piece.start()), -w / before);
+        }
+        if self.camera && before > 0.0 {
+            let at = |p: DVec3| Velocity::of(Source::Camera, p);
+            let across = (DMat3::IDENTITY - outer(w, w)) * (1.0 / before);
+            first.turn = at(p).plus(-1.0, &at(piece.start())).mapped(across);
+        }
+        let (v, _) = self.field.at(self.scene, p);
+        let e = first.velocity.clone().plus(-1.0, &v);
+        let face = match piece.to {
+            Stop::Opaque { shape, face, n } => Some((shape, face, n)),
+            _ => None,
+        };
+        first.excess = self.excess(p, e, face, false);
+        first
+    }
+
+    /// `along`: e keeps to the face as it is.
+    fn excess(&self, x: DVec3, e: Velocity, face: Option<(u32, u32, DVec3)>, along: bool) -> Option<Excess> {
+        if e.is_zero() {
+            return None;
+        }
+        let Some((shape, face, n)) = face else {
+            let rho = CLEAR * self.field.clearance(self.scene, x, None);
+            return Some(Excess { x, e, guide: None, rho });
+        };
+        let radius = CLEAR * self.field.clearance(self.scene, x, Some((shape, face)));
+        let guide = match &self.scene.shapes[shape as usize].shape {
+            Shape::Sphere(s) => {
+                let r = (x - s.center).length();
+                Guide::Sphere(s.center, (x - s.center) / r, r)
+            }
+            _ => Guide::Plane(n),
+        };
+        let rho = if along {
+            0.0
+        } else {
+            let own = self.scene.nearest_point(Kind::Opaque, x, radius / CLEAR, &|s, f| (s, f) == (shape, face));
+            own.map_or(radius, |near| CLEAR * near.distance)
+        };
+        Some(Excess { x, e, guide: Some((guide, radius)), rho })
+    }
+}
+
+impl First {
+    /// Adds to V at a later point y, and to its divergence, what the first vertex carries along.
+    pub fn carry(&self, y: DVec3, v: Velocity, rate: &mut Rate) -> Velocity {
+        let Some(x) = self.excess.as_ref().filter(|x| (y - x.x).length_squared() < x.reach() * x.reach()) else {
+            return v;
+        };
+        let (map, spread) = x.at(y);
+        rate.add(&x.e, spread);
+        v.plus(1.0, &x.e.mapped(map))
+    }
+
+    /// Whether it carries anything.
+    pub fn carries(&self) -> bool {
+        self.excess.is_some()
+    }
+}

@@ -1,0 +1,101 @@
+//! Straight lines through media: their spans with optical depths, and a collision forced on them.
+
+use super::record::MediumSpan;
+use super::tracking::{self, Forced};
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
+use crate::scene::{On, Scene};
+
+/// One span of a line, with the optical depth in front of it and in it.
+pub struct Part {
+    pub span: MediumSpan,
+    pub before: Rgb,
+    pub depth: Rgb,
+}
+
+/// Spans in order.
+#[derive(Default)]
+pub struct Line {
+    pub parts: Vec<Part>,
+    /// Optical depth of all of it.
+    pub total: Rgb,
+    /// The medium at its end.
+    pub last: Option<u32>,
+}
+
+impl Line {
+    pub fn push(&mut self, scene: &Scene, span: MediumSpan) {
+        let depth = tracking::depth(&scene.media[span.medium as usize], &span);
+        self.parts.push(Part { span, before: self.total, depth });
+        self.total += depth;
+    }
+
+    /// From `o`, in `medium`, to the distance `t_max`, with nothing opaque on the way; `None` after too many interfaces.
+    pub fn clear(scene: &Scene, o: DVec3, w: DVec3, t_max: f64, medium: Option<u32>) -> Option<Line> {
+        let (mut line, mut o, mut on, mut medium, mut left) = (Line::default(), o, On::default(), medium, t_max);
+        for _ in 0..scene.max_interfaces {
+            let hit = scene.boundary(o, w, left, &on, medium);
+            let length = hit.as_ref().map_or(left, |h| h.t);
+            if let Some(id) = medium {
+                line.push(scene, MediumSpan::new(id, o, w, length, &on, hit.as_ref()));
+            }
+            let Some(h) = hit else {
+                line.last = medium;
+                return Some(line);
+            };
+            medium = scene.shapes[h.shape as usize].medium_behind(w, h.n, medium);
+            on = on.crossed(&h, scene.tolerance(h.p));
+            o = h.p;
+            left -= h.t;
+        }
+        None
+    }
+
+    pub fn transmittance(&self) -> Rgb {
+        self.total.map(|t| (-t).exp())
+    }
+
+    /// Transmittance up to `t` of the span of part `k`.
+    pub fn transmittance_to(&self, scene: &Scene, k: usize, t: f64) -> Rgb {
+        let part = &self.parts[k];
+        let m = &scene.media[part.span.medium as usize];
+        (part.before + tracking::depth(m, &part.span.until(t))).map(|t| (-t).exp())
+    }
+
+    /// A collision somewhere on the line, with the density [`Line::density`].
+    pub fn force(&self, scene: &Scene, rng: &mut Rng) -> Forced {
+        let parts = self.parts.iter().map(|q| (&scene.media[q.span.medium as usize], &q.span, q.before, q.depth));
+        tracking::force(parts, self.total, rng)
+    }
+
+    /// Density per length of the forced collision at `t` of part `k`, per channel.
+    pub fn density(&self, scene: &Scene, k: usize, t: f64) -> Rgb {
+        self.parts[k].forced_density(scene, self.total, t)
+    }
+
+    /// The same whichever channel leads.
+    pub fn mean_density(&self, scene: &Scene, k: usize, t: f64) -> f64 {
+        let d = self.density(scene, k, t);
+        let lit = (0..3).filter(|&c| self.total[c] > 0.0).count();
+        if lit > 0 { d.sum() / lit as f64 } else { 0.0 }
+    }
+
+    /// The part that holds the distance `s` from the line's start, and its abscissa there.
+    pub fn locate(&self, start: DVec3, s: f64) -> Option<(usize, f64)> {
+        self.parts.iter().enumerate().find_map(|(k, q)| {
+            let t = s - (q.span.o - start).dot(q.span.w);
+            (t >= q.span.t0 && t <= q.span.t1).then_some((k, t))
+        })
+    }
+}
+
+impl Part {
+    /// Density per length of a collision forced on a line of depth `total`, at `t` of the span, per channel.
+    pub fn forced_density(&self, scene: &Scene, total: Rgb, t: f64) -> Rgb {
+        let m = &scene.media[self.span.medium as usize];
+        let depth = self.before + tracking::depth(m, &self.span.until(t));
+        let (sigma_t, _) = m.coefficients(self.span.o + self.span.w * t);
+        // 1 - T of nothing is nothing: no collision is forced there.
+        Rgb::from_fn(|c| if total[c] > 0.0 { sigma_t[c] * (-depth[c]).exp() / -(-total[c]).exp_m1() } else { 0.0 })
+    }
+}

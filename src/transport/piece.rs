@@ -1,0 +1,110 @@
+//! Straight pieces in one medium whose ends move: how their optical depth changes.
+//!
+//! A point at the fraction f of a piece moves with the affine mix `(1-f) ȧ + f ḃ` of its ends, which stay on whatever border they lie on; so
+//!
+//! `τ̇ = ∫ <(1-f) ȧ + f ḃ, ∇σ_t> ds + <w, ḃ - ȧ>/l ∫ σ_t ds`
+//!
+//! ([T] (10), (11), the last two terms of (27b)), without a word about borders.
+
+use super::record::{Face, MediumSpan};
+use crate::math::{DMat3, DVec3, Rgb};
+use crate::medium::Volume;
+use crate::params::Covector;
+use crate::scene::Scene;
+use crate::shape::Geometry;
+
+/// What an end of a piece lies on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stop {
+    /// Nothing: a vertex, or the camera.
+    Free,
+    /// A border that stands still, of this normal: an interface, or the box at which a grid ends.
+    Border(DVec3),
+    /// A face of an opaque shape.
+    Opaque { shape: u32, face: u32, n: DVec3 },
+}
+
+/// A span, cut to where its medium is.
+#[derive(Clone, Copy, Debug)]
+pub struct Piece {
+    pub medium: u32,
+    pub o: DVec3,
+    pub w: DVec3,
+    pub t0: f64,
+    pub t1: f64,
+    pub from: Stop,
+    pub to: Stop,
+}
+
+/// Relative slack within which a grid's box ends a span where the span itself ends.
+const SAME: f64 = 1e-9;
+
+/// A point of a line of direction w that keeps to a border of normal n instead of going with the line, whatever velocity the line has there.
+pub fn onto(n: DVec3, w: DVec3) -> DMat3 {
+    DMat3::IDENTITY - outer(w, n) * (1.0 / n.dot(w))
+}
+
+/// `a bᵀ`.
+pub fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
+impl Piece {
+    /// `None` where the span holds nothing of its medium.
+    pub fn of(scene: &Scene, span: &MediumSpan) -> Option<Piece> {
+        let stop = |face: Face, t: f64| {
+            let Some(s) = scene.shapes.get(face.shape as usize).filter(|_| t.is_finite()) else { return Stop::Free };
+            let n = s.shape.normal(face.face, span.o + span.w * t);
+            if scene.is_null(s) { Stop::Border(n) } else { Stop::Opaque { shape: face.shape, face: face.face, n } }
+        };
+        let MediumSpan { medium, o, w, t0, t1, from, to } = *span;
+        let mut piece = Piece { medium, o, w, t0, t1, from: stop(from, t0), to: stop(to, t1) };
+        if let Volume::Grid(grid) = &scene.media[medium as usize].density {
+            if grid.clip_box().is_some() {
+                let (lo, hi) = grid.clip_ray(o, w, t0, t1);
+                let slack = SAME * if t1.is_finite() { t1 - t0 } else { 1.0 };
+                let border = |t: f64| Stop::Border(grid.border_normal(o + w * t).normalize());
+                if lo > t0 + slack {
+                    (piece.t0, piece.from) = (lo, border(lo));
+                }
+                if hi < t1 - slack {
+                    (piece.t1, piece.to) = (hi, border(hi));
+                }
+            }
+        }
+        (piece.t1 > piece.t0).then_some(piece)
+    }
+
+    pub fn start(&self) -> DVec3 {
+        self.o + self.w * self.t0
+    }
+
+    pub fn end(&self) -> DVec3 {
+        self.o + self.w * self.t1
+    }
+
+    /// `τ̇ = <g0, ȧ> + <g1, ḃ>`, per channel; of a piece without end all points move alike, with ȧ.
+    pub fn depth_forms(&self, scene: &Scene) -> [Covector; 2] {
+        let m = &scene.media[self.medium as usize];
+        let (mut g0, mut g1) = (Covector::default(), Covector::default());
+        let length = self.t1 - self.t0;
+        if let Volume::Grid(grid) = &m.density {
+            grid.quadrature(self.o, self.w, self.t0, self.t1, &mut |weight, p| {
+                let f =
+                    if length.is_finite() { ((p - self.start()).dot(self.w) / length).clamp(0.0, 1.0) } else { 0.0 };
+                let gradient = grid.gradient3(p);
+                for (c, g) in gradient.into_iter().enumerate() {
+                    let g = g * (weight * m.scale);
+                    g0.add(g, Rgb::channel(c, 1.0 - f));
+                    g1.add(g, Rgb::channel(c, f));
+                }
+            });
+        }
+        if length.is_finite() {
+            let mean = m.density_integral(self.o, self.w, self.t0, self.t1) * (m.scale / length);
+            g0.add(self.w, -mean);
+            g1.add(self.w, mean);
+        }
+        [g0, g1]
+    }
+}

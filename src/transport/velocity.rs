@@ -1,0 +1,113 @@
+//! How a point moves: linear in the motions of shapes and camera, and kept as such, so that forward and reverse mode read the same numbers.
+
+use crate::math::{DMat3, DVec3, Rgb};
+use crate::params::{Covector, Partial, Sink};
+use crate::scene::Scene;
+use crate::sensor::Sensor;
+
+/// What moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    Shape(u32),
+    /// As part of its film point's ray.
+    Camera,
+}
+
+/// Hands the partials of `<c, v>` out, v the velocity of `p` as part of the source.
+fn point(scene: &Scene, sensor: &Sensor, source: Source, p: DVec3, c: &Covector, sink: &mut impl Sink) {
+    match source {
+        Source::Shape(k) => scene.shapes[k as usize].mover.point(p, c, sink),
+        Source::Camera => sensor.point(p, c, sink),
+    }
+}
+
+/// `ẋ = Σ M v(p)` over sources.
+#[derive(Clone, Debug, Default)]
+pub struct Velocity(Vec<(Source, DVec3, DMat3)>);
+
+/// `Mᵀ c`.
+fn transposed(m: &DMat3, c: &Covector) -> Covector {
+    let [x, y, z] = c.0;
+    Covector(std::array::from_fn(|k| {
+        let col = m.col(k);
+        x * col.x + y * col.y + z * col.z
+    }))
+}
+
+impl Velocity {
+    /// Of a point that goes with its source.
+    pub fn of(source: Source, p: DVec3) -> Velocity {
+        Velocity(vec![(source, p, DMat3::IDENTITY)])
+    }
+
+    pub fn is_zero(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// `M ẋ`.
+    #[must_use]
+    pub fn mapped(&self, m: DMat3) -> Velocity {
+        Velocity(self.0.iter().map(|&(s, p, k)| (s, p, m * k)).collect())
+    }
+
+    /// `ẋ + w ẏ`.
+    #[must_use]
+    pub fn plus(mut self, w: f64, other: &Velocity) -> Velocity {
+        if w != 0.0 {
+            self.0.extend(other.0.iter().map(|&(s, p, m)| (s, p, m * w)));
+        }
+        self
+    }
+
+    /// The partials of `<c, ẋ>`.
+    pub fn apply(&self, scene: &Scene, sensor: &Sensor, c: &Covector, sink: &mut impl Sink) {
+        for (source, p, m) in &self.0 {
+            point(scene, sensor, *source, *p, &transposed(m, c), sink);
+        }
+    }
+
+    /// The same as a list of forms.
+    pub fn forms(&self, scene: &Scene, sensor: &Sensor, c: DVec3, mut out: impl FnMut(Partial)) {
+        for (source, p, m) in &self.0 {
+            let c = m.transpose() * c;
+            match source {
+                Source::Shape(k) => scene.shapes[*k as usize].mover.forms(*p, c).into_iter().for_each(&mut out),
+                Source::Camera => sensor.forms(*p, c).into_iter().for_each(&mut out),
+            }
+        }
+    }
+}
+
+/// A rate, linear in the same motions: `Σ <c, v(p)>` and the divergences of shapes' own motions.
+#[derive(Clone, Debug, Default)]
+pub struct Rate {
+    forms: Vec<(Source, DVec3, DVec3)>,
+    spread: Vec<(u32, f64)>,
+}
+
+impl Rate {
+    /// Adds `<c, ẋ>`.
+    pub fn add(&mut self, x: &Velocity, c: DVec3) {
+        self.forms.extend(x.0.iter().map(|&(s, p, m)| (s, p, m.transpose() * c)));
+    }
+
+    /// Adds `w` times the divergence of a shape's motion.
+    pub fn add_divergence(&mut self, shape: u32, w: f64) {
+        self.spread.push((shape, w));
+    }
+
+    pub fn is_zero(&self) -> bool {
+        self.forms.is_empty() && self.spread.is_empty()
+    }
+
+    pub fn apply(&self, scene: &Scene, sensor: &Sensor, value: Rgb, sink: &mut impl Sink) {
+        for &(source, p, c) in &self.forms {
+            let mut form = Covector::default();
+            form.add(c, value);
+            point(scene, sensor, source, p, &form, sink);
+        }
+        for &(shape, w) in &self.spread {
+            scene.shapes[shape as usize].mover.volume(value * w, sink);
+        }
+    }
+}
