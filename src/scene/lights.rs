@@ -15,6 +15,9 @@ const DISTANT: usize = 4;
 /// `UNIFORM_SHARE` of that choice.
 const UNIFORM_SHARE_DISTANT: f64 = 0.2;
 
+/// Size of a lamp over that of its scene up to which it counts as one with a position.
+const SMALL_LAMP: f64 = 0.5;
+
 /// Weight there of an environment's mean radiance against the irradiance of a light without extent times what is scattered toward it: an
 /// environment is found by drawn directions, too, and needs the connection less.
 const ENVIRONMENT: f64 = 0.5;
@@ -44,7 +47,7 @@ impl Scene {
             }))
         };
         let selection = table(&|i| self.lights[i].wants_connection());
-        let local = table(&|i| self.lights[i].center().is_some());
+        let local = table(&|i| self.pole(i as u32).is_some());
         // Any interface on the way tells the medium, whatever opaque stands before it.
         let outer = self.sensors.first().and_then(|c| self.outer_medium(c.to_world.translation, c.medium));
         let within = |p: DVec3| self.medium_toward(p, DVec3::new(0.36, 0.48, 0.8), &On::default(), outer).is_some();
@@ -105,6 +108,15 @@ impl Scene {
     /// Probability that a connection goes to light `id`.
     pub fn selection(&self, id: u32) -> f64 {
         if self.selection.total > 0.0 { self.selection.probability(id as usize) } else { 0.0 }
+    }
+
+    /// What distances are drawn around by their angle: a light's position, or, where media are, the middle of a lamp that is small in its scene.
+    pub fn pole(&self, id: u32) -> Option<DVec3> {
+        let light = &self.lights[id as usize];
+        let LightKind::Area { shape } = light.kind else { return light.center() };
+        let bounds = self.shapes[shape as usize].shape.bounds();
+        let small = bounds.radius() <= SMALL_LAMP * self.bounds.radius();
+        (small && !self.media.is_empty()).then(|| bounds.center())
     }
 
     /// A light with a position, for the equi-angular connection.

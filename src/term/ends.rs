@@ -154,8 +154,8 @@ pub fn medium_share(scene: &Scene, way: &Line, ends: bool) -> f64 {
 /// A point of the media along w from `b`, its distance, and an estimate of the light that it sends back to `b`.
 pub fn medium_end(cx: &mut Context, way: &Line, b: DVec3, w: DVec3, rng: &mut Rng) -> Option<(Point, f64, ByOrder)> {
     let scene = cx.scene;
-    // Half by the angles that distances subtend at lights with a position.
-    let share = |i: u32| Some((scene.lights[i as usize].center()?, 0.5 * scene.local_selection(i)));
+    // Half by the angles that distances subtend at lights.
+    let share = |i: u32| Some((scene.pole(i)?, 0.5 * scene.local_selection(i)));
     let poles: Vec<(DVec3, f64)> = (0..scene.lights.len() as u32).filter_map(share).filter(|p| p.1 > 0.0).collect();
     let d = medium_point(scene, way, b, w, &poles, rng)?;
     let weight = d.transmittance * (1.0 / d.density);

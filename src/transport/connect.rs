@@ -35,17 +35,20 @@ pub(super) fn angles(light: DVec3, span: &MediumSpan) -> EquiAngular {
     EquiAngular::new(light, span.o, span.w, span.t0, span.t1)
 }
 
-/// Share of the free flight of density `p_flight` at abscissa `t` for the light `id` of the position `light`.
-fn flight_share(w: &Walker<impl Recorder>, id: u32, light: DVec3, flight: &Flight, t: f64) -> f64 {
-    let Some(span) = flight.span.as_ref().filter(|_| w.scene.weighs_flights()) else { return 1.0 };
-    let equiangular = angles(light, span);
+/// Density of all techniques that draw the vertex `p` at the end of a flight and connect it to light `id`, over that of the flight alone.
+pub(super) fn flight_ratio(scene: &Scene, id: u32, flight: &Flight, p: DVec3) -> f64 {
+    let (Some(span), Some(pole)) = (flight.span.as_ref().filter(|_| scene.weighs_flights()), scene.pole(id)) else {
+        return 1.0;
+    };
+    let equiangular = angles(pole, span);
     if !equiangular.usable() {
         return 1.0;
     }
-    let own = w.scene.selection(id) * flight.density;
-    let equi = w.scene.local_selection(id) * equiangular.density(t);
-    let centred = light_centred::density_per_length(w.scene, id, light, span.o + span.w * t, flight.reach);
-    if own > 0.0 { own / (own + equi + centred) } else { 0.0 }
+    let t = (p - span.o).dot(span.w);
+    let own = scene.selection(id) * flight.density;
+    let equi = scene.local_selection(id) * equiangular.density(t);
+    let centred = light_centred::density_per_length(scene, id, pole, span.o + span.w * t, flight.reach);
+    if own > 0.0 { (own + equi + centred) / own } else { f64::INFINITY }
 }
 
 /// Next-event estimation from a collision in medium `id` at `s.o`.
@@ -58,16 +61,12 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
     let Some(a) = w.scene.arrival(light, s.o, u, v) else { return };
     let m = one_minus_cos(s.w, a.w);
     let f = phase.eval(m);
-    let mut share = 1.0;
-    if let Some(center) = w.scene.lights[light as usize].center() {
-        let t = s.flight.span.map_or(0.0, |span| (s.o - span.o).dot(span.w));
-        share = flight_share(w, light, center, &s.flight, t);
-    }
-    let weight = s.beta / s.r.mean() * (f * a.factor / probability * share);
+    let ratio = flight_ratio(w.scene, light, &s.flight, s.o);
+    let weight = s.beta / s.r.mean() * (f * a.factor / probability);
     let aim = beside::follows(w, light, s.left, s.o, s.flight.reach.map(|r| r.0))
         .then(|| Aim::new(light, s.o, Some(id), On::default(), &a, Turn::Phase(id, s.w), s.aside));
     let end = End::of(light, s.o, &a);
-    finish(w, s, &a, end, &On::default(), weight, probability, f, Some((id, m)), aim);
+    finish(w, s, &a, end, &On::default(), weight, probability, f, ratio, Some((id, m)), aim);
 }
 
 /// Next-event estimation from a surface at `s.o`, reflectance already in `s.beta`.
@@ -87,7 +86,7 @@ pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Sur
         .then(|| Aim::new(light, s.o, s.medium, on, &a, Turn::Cosine(n), s.aside));
     let end = End::of(light, s.o, &a);
     let p_direction = Surface::pdf(f, w.scene.uniform_share);
-    finish(w, s, &a, end, &on, weight, probability, p_direction, None, aim);
+    finish(w, s, &a, end, &on, weight, probability, p_direction, 1.0, None, aim);
 }
 
 /// The extra connection of a medium span: a point drawn by the angle it subtends at a light with a position,
@@ -107,11 +106,12 @@ pub fn equiangular<R: Recorder>(
     let rng = &mut s.rng;
     let Some((light, q)) = scene.select_local_light(rng.uniform()) else { return };
     let (u, v, x) = (rng.uniform(), rng.uniform(), rng.uniform());
-    let Some(center) = scene.lights[light as usize].center() else { return };
+    let Some(center) = scene.pole(light) else { return };
+    let point = scene.lights[light as usize].center().is_some();
     let equiangular = angles(center, &span);
     if !equiangular.usable() {
         // The light stands on the ray: the picture diverges there, and says so.
-        w.tally.light_on_ray += u64::from(depth == 0 && equiangular.h() == 0.0);
+        w.tally.light_on_ray += u64::from(point && depth == 0 && equiangular.h() == 0.0);
         return;
     }
     let t = equiangular.sample(u);
@@ -123,7 +123,8 @@ pub fn equiangular<R: Recorder>(
         return;
     }
     let equi = q * equiangular.density(t);
-    let flight = scene.selection(light) * flight_density(scene, t);
+    let flight_density = flight_density(scene, t);
+    let flight = scene.selection(light) * flight_density;
     let centred = light_centred::density_per_length(scene, light, center, p, reach);
     let part = span.until(t);
     // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
@@ -136,15 +137,17 @@ pub fn equiangular<R: Recorder>(
     let via = Drawn { medium: span.medium, p, sigma: sigma_s, span, lead: w.rec.side_len() - first };
     let m = one_minus_cos(span.w, a.w);
     let f = medium.phase.eval(m);
-    let weight = prefix * transmittance * (f * a.factor / (equi + flight + centred));
-    let Some((t, _)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
+    let Some((shadow, tau)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
+    // A direction drawn at the end of the flight may meet a lamp as well.
+    let by_direction = if a.pdf > 0.0 { flight_density * f * survival(tau) / a.pdf } else { 0.0 };
+    let weight = prefix * transmittance * shadow * (f * a.factor / (equi + flight + centred + by_direction));
     let aim = beside::follows(w, light, s.left, p, reach.map(|r| r.0))
         .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));
     let end = End::of(light, p, &a);
-    score(w, &a, end, weight * t, depth + 1, first, [Some((span.medium, m)), None], Some(via), aim);
+    score(w, &a, end, weight, depth + 1, first, [Some((span.medium, m)), None], Some(via), aim);
 }
 
-/// Weight against direction sampling, trace the shadow ray, score.
+/// Weight against direction sampling (and, by `ratio`, against other ways to the vertex), trace the shadow ray, score.
 fn finish<R: Recorder>(
     w: &mut Walker<R>,
     s: &mut State,
@@ -154,17 +157,20 @@ fn finish<R: Recorder>(
     weight: Rgb,
     probability: f64,
     p_direction: f64,
+    ratio: f64,
     phase: Option<(u32, f64)>,
     aim: Option<Aim>,
 ) {
     let first = w.rec.side_len();
     let Some((t, tau)) = transmit::shadow(w, &mut s.rng, s.medium, s.o, on, a) else { return };
     let mut weight = weight * t;
-    if a.pdf > 0.0 {
+    weight *= if a.pdf > 0.0 {
         // What `direction_share` leaves over.
         let light = probability * a.pdf;
-        weight *= light / (light + p_direction * survival(tau));
-    }
+        light / (light * ratio + p_direction * survival(tau))
+    } else {
+        1.0 / ratio
+    };
     score(w, a, end, weight, s.depth, first, [phase, None], None, aim);
 }
 

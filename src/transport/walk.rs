@@ -384,7 +384,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             let front = hit.n.dot(s.w) < 0.0;
             if front && !(s.depth == 0 && self.set.hide_emitters) {
                 let l = &scene.lights[light as usize];
-                let p = scene.selection(light) * scene.area_pdf(light, s.vertex, s.w, &hit);
+                let ratio = connect::flight_ratio(scene, light, &s.flight, s.vertex);
+                let p = scene.selection(light) * scene.area_pdf(light, s.vertex, s.w, &hit) * ratio;
                 let end = End::Shape { shape: hit.shape, p: hit.p, n: hit.n };
                 self.emit(s, l.emission(Rgb::ONE), p, end);
             }
@@ -415,6 +416,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         s.vertex = hit.p;
         s.tau = Rgb::ZERO;
         s.on = On::at(&hit);
+        s.flight = Flight::default();
         if R::ON {
             let prefix = Prefix { beta: s.beta, r: s.r, depth: k - 1, t_end: 0.0, reach: None };
             self.rec.push(Event::Surface { surface: shape.surface, hit, wi, medium: s.medium, prefix });
