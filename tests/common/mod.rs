@@ -81,12 +81,22 @@ pub fn run(scene: &Scene, spp: u64, seed: u64, mode: Mode) -> Outcome {
 
 /// Value and derivatives of a scene's mean pixel.
 pub fn forward(text: &str, wrt: &[&str], spp: u64) -> Vec<Estimate> {
-    let (desc, scene) = scene(text);
-    let names: Vec<String> = wrt.iter().map(|s| s.to_string()).collect();
-    let params = scene.param_set(&desc, &names).unwrap_or_else(|e| panic!("{e}"));
-    let o = run(&scene, spp, 1, Mode::Forward(&params));
-    assert_eq!(o.film.health.biasing(), 0, "health");
-    (0..=wrt.len()).map(|l| estimate(&o, l)).collect()
+    forward_of(text, Orders::default(), wrt, &["all"], spp)
+}
+
+/// Derivatives of the mean pixel, of chosen terms.
+pub fn derivatives(text: &str, wrt: &[&str], terms: &[&str], spp: u64) -> Vec<Estimate> {
+    forward_of(text, Orders::default(), wrt, terms, spp).split_off(1)
+}
+
+/// Value and derivatives of the mean pixel, of chosen numbers of scatterings and chosen terms.
+pub fn forward_of(text: &str, orders: Orders, wrt: &[&str], terms: &[&str], spp: u64) -> Vec<Estimate> {
+    let (desc, sc) = scene_of_orders(text, &[], orders);
+    let p = params(&desc, &sc, wrt);
+    let terms = Terms::parse(&terms.iter().map(|t| t.to_string()).collect::<Vec<_>>()).unwrap();
+    let o = Job { terms, ..job(&sc, spp, 1, Mode::Forward(&p)) }.run(&|_| {}).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(o.film.health.biasing(), 0, "{:?}", o.film.health.entries().collect::<Vec<_>>());
+    (0..=wrt.len()).map(|k| estimate(&o, k)).collect()
 }
 
 /// What to differentiate by; what `grad` would refuse is refused here too.
@@ -105,7 +115,24 @@ pub fn check(name: &str, e: &Estimate, truth: f64, precision: f64) {
     assert!(truth == 0.0 || relative <= precision, "{name}: standard error {relative} of the value, asked {precision}");
 }
 
-/// Derivatives of the mean pixel against central differences with common random numbers. 5 s.e., false alarm 6e-7 a comparison.
+/// Central difference of the mean pixel with common random numbers; its error from eight independent seeds.
+pub fn difference(text: &str, orders: Orders, name: &str, h: f64, spp: u64) -> Estimate {
+    let (desc, _) = scene(text);
+    let x = desc.params.iter().find(|q| q.name == name).unwrap().value;
+    let runs: Vec<Rgb> = (0..8)
+        .map(|seed| {
+            let side = |s: f64| {
+                let (_, sc) = scene_of_orders(text, &[(name, &format!("{}", x + s * h))], orders);
+                estimate(&run(&sc, spp / 8, 100 + seed, Mode::Picture), 0).value
+            };
+            (side(1.0) - side(-1.0)) / (2.0 * h)
+        })
+        .collect();
+    let of = |c: usize| -> tyndall::math::stats::Moments { runs.iter().map(|r| r[c]).collect() };
+    Estimate { value: Rgb::from_fn(|c| of(c).mean), error: Rgb::from_fn(|c| of(c).standard_error()) }
+}
+
+/// Derivatives of the mean pixel against central differences. 5 s.e., false alarm 6e-7 a comparison.
 pub fn against_differences(text: &str, wrt: &[(&str, f64)], terms: &[&str], spp: u64, slack: f64) {
     let (desc, sc) = scene(text);
     let names: Vec<&str> = wrt.iter().map(|w| w.0).collect();
@@ -114,46 +141,23 @@ pub fn against_differences(text: &str, wrt: &[(&str, f64)], terms: &[&str], spp:
     let terms = Terms::parse(&terms).unwrap();
     let f = Job { terms, ..job(&sc, spp, 3, Mode::Forward(&p)) }.run(&|_| {}).unwrap();
     for (k, (name, h)) in wrt.iter().enumerate() {
-        let x = desc.params.iter().find(|q| q.name == *name).unwrap().value;
-        // Independent seeds for the error of the difference under common random numbers.
-        let runs: Vec<[f64; 3]> = (0..8)
-            .map(|seed| {
-                let side = |s: f64| {
-                    let (_, sc) = scene_with(text, &[(name, &format!("{}", x + s * h))]);
-                    estimate(&run(&sc, spp / 8, 100 + seed, Mode::Picture), 0).value
-                };
-                let (a, b) = (side(1.0), side(-1.0));
-                std::array::from_fn(|c| (a[c] - b[c]) / (2.0 * h))
-            })
-            .collect();
-        let d: Estimate = estimate(&f, k + 1);
+        let (d, fd) = (estimate(&f, k + 1), difference(text, Orders::default(), name, *h, spp));
         for c in 0..3 {
-            let m: tyndall::math::stats::Moments = runs.iter().map(|r| r[c]).collect();
-            let (fd, se) = (m.mean, m.standard_error().hypot(d.error[c]));
+            let se = fd.error[c].hypot(d.error[c]);
             println!(
-                "{name} {c}: {:.6} +- {:.6} fd {fd:.6} +- {:.6} z {:.2}",
+                "{name} {c}: {:.6} +- {:.6} fd {:.6} +- {:.6} z {:.2}",
                 d.value[c],
                 d.error[c],
-                m.standard_error(),
-                (d.value[c] - fd) / se
+                fd.value[c],
+                fd.error[c],
+                (d.value[c] - fd.value[c]) / se
             );
             assert!(
-                (d.value[c] - fd).abs() <= 5.0 * se + slack * fd.abs(),
-                "{name} channel {c}: {} vs {fd} +- {se}",
-                d.value[c]
+                (d.value[c] - fd.value[c]).abs() <= 5.0 * se + slack * fd.value[c].abs(),
+                "{name} channel {c}: {} vs {} +- {se}",
+                d.value[c],
+                fd.value[c]
             );
         }
     }
-}
-
-/// Derivatives of the mean pixel, of chosen terms.
-pub fn derivatives(text: &str, wrt: &[&str], terms: &[&str], spp: u64) -> Vec<Estimate> {
-    let (desc, sc) = scene(text);
-    let p = params(&desc, &sc, wrt);
-    let names: Vec<String> = terms.iter().map(|s| s.to_string()).collect();
-    let mut job = job(&sc, spp, 1, Mode::Forward(&p));
-    job.terms = Terms::parse(&names).unwrap();
-    let o = job.run(&|_| {}).unwrap();
-    assert_eq!(o.film.health.biasing(), 0, "health");
-    (0..wrt.len()).map(|k| estimate(&o, k + 1)).collect()
 }
