@@ -134,12 +134,12 @@ impl<'a> Rooms<'a> {
         f: &mut dyn FnMut(Contribution),
     ) {
         let start = Instant::now();
-        let mut rng = Rng::keyed(self.seed, self.purpose(room, false), key, sample);
         // Fractions add up over the samples from a random start: right on average, and even.
         let start_at = Rng::keyed(self.seed, self.purpose(room, false), key, u64::MAX).uniform();
         let until = |s: u64| (s as f64 * self.along[room] + start_at).floor();
-        let rays = (until(sample + 1) - until(sample)) as usize;
-        for _ in 0..rays {
+        // Rays are numbered without gaps.
+        for ray in until(sample) as u64..until(sample + 1) as u64 {
+            let mut rng = Rng::even(self.seed, self.purpose(room, false), key, ray);
             self.camera_ray(room, pixel, &mut rng, tally, f);
         }
         self.nanoseconds[room].fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
@@ -167,7 +167,7 @@ impl<'a> Rooms<'a> {
     /// One outward sample, onto all pixels that its film points concern.
     pub fn outward(&self, room: usize, sample: u64, tally: &mut Tally, f: &mut dyn FnMut(Contribution)) {
         let mut cx = self.context();
-        let mut rng = Rng::keyed(self.seed, self.purpose(room, true), self.index as u64, sample);
+        let mut rng = Rng::even(self.seed, self.purpose(room, true), self.index as u64, sample);
         let (radius, size) = (cx.margin, [self.sensor.width, self.sensor.height]);
         self.list[room].outward(&mut cx, &mut rng, &mut |s| {
             // Pixels x with |film - (x + 1/2)| <= radius.
