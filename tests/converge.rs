@@ -15,7 +15,7 @@ fn errors_are_measured_against_a_reference() {
     let curves = v["curves"].as_array().unwrap();
     let kinds: Vec<&str> = curves.iter().map(|c| c["kind"].as_str().unwrap()).collect();
     assert_eq!(kinds[..2], ["picture", "derivative"]);
-    assert_eq!(kinds.iter().filter(|k| **k == "finite_difference").count(), 5);
+    assert_eq!(kinds.iter().filter(|k| **k == "finite_difference").count(), 9);
     for c in &curves[..2] {
         let points = c["points"].as_array().unwrap();
         assert!(points.len() >= 3, "{c}");

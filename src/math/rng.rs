@@ -39,15 +39,17 @@ struct Even {
     scrambling: u32,
     next: u32,
     end: u32,
+    /// Those from the last multiple of four on.
+    four: [f32; 4],
 }
 
-/// Coordinates of a stream; as many belong to the stream beside it ([`Rng::beside`]).
+/// Coordinates of a stream, a multiple of four; as many belong to the stream beside it ([`Rng::beside`]).
 const COORDINATES: u32 = 32;
 /// Points of one scrambling: what the tables hold.
 const POINTS: u64 = 1 << 16;
 
 impl Even {
-    const NONE: Even = Even { point: 0, scrambling: 0, next: 0, end: 0 };
+    const NONE: Even = Even { point: 0, scrambling: 0, next: 0, end: 0, four: [0.0; 4] };
 
     /// The next coordinate in units of 2^-23.
     #[inline]
@@ -55,9 +57,12 @@ impl Even {
         if self.next >= self.end {
             return None;
         }
-        let u = sobol_burley::sample(self.point, self.next, self.scrambling);
+        let k = self.next % 4;
+        if k == 0 {
+            self.four = sobol_burley::sample_4d(self.point, self.next / 4, self.scrambling);
+        }
         self.next += 1;
-        Some((f64::from(u) * 8_388_608.0) as u64)
+        Some((f64::from(self.four[k as usize]) * 8_388_608.0) as u64)
     }
 }
 
@@ -87,7 +92,7 @@ impl Rng {
     /// systematically too short; independent runs have other seeds.
     pub fn even(seed: u64, purpose: u64, pixel: u64, sample: u64) -> Self {
         let scrambling = Rng::keyed(seed, purpose, pixel, !(sample / POINTS)).next_u64() as u32;
-        let even = Even { point: (sample % POINTS) as u32, scrambling, next: 0, end: COORDINATES };
+        let even = Even { point: (sample % POINTS) as u32, scrambling, end: COORDINATES, ..Even::NONE };
         Rng { even, ..Rng::keyed(seed, purpose, pixel, sample) }
     }
 

@@ -17,12 +17,17 @@ use crate::transport::Tally;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-/// Samples of a room, along and outward alike, for one sample of the picture: the least and the most.
-const RATE: (f64, f64) = (1.0 / 8.0, 1.0);
-/// Cost of a room's sample (one along, one outward) over that of a path with its derivative, in rays.
-const COST: f64 = 2.5;
+/// Samples of a room's pass for one sample of the picture: the least and the most.
+const RATE: (f64, f64) = (1.0 / 8.0, 4.0);
+/// Costs of a sample along a camera ray and of one outward over that of a path with its derivative.
+const COST: Pass = [0.4, 1.0];
+/// What all rooms together may cost at most, in paths.
+const TOTAL: f64 = 1.6;
 /// Outward samples of one work item.
 pub const BLOCK: u64 = 2048;
+
+/// A number for each of a room's passes: along camera rays, outward.
+pub type Pass = [f64; 2];
 
 /// The rooms of a run.
 pub struct Rooms<'a> {
@@ -79,15 +84,22 @@ impl<'a> Rooms<'a> {
         Ok(Rooms { scene, sensor, index, outer, filter, seed, list, along, outward, nanoseconds })
     }
 
-    /// Share out the work: with rate r a room's variance is `variance / r` and its cost `COST r`, beside 1 for the interior. `interior`,
-    /// `rooms`: mean squares of a pixel's derivative from one sample each, by a keyed pilot.
-    pub fn set_budget(&mut self, interior: f64, rooms: &[f64]) {
+    /// Share out the work: with rate r a pass has the variance `v / r` and costs `COST r`, beside 1 for the interior, so that the least variance x cost is at
+    /// `r = √(v / (interior COST))`; less where all together would cost too much. `interior`, `passes`: mean squares of a pixel's derivative from
+    /// one sample each, by a keyed pilot.
+    pub fn set_budget(&mut self, interior: f64, passes: &[Pass]) {
         let pixels = (self.sensor.width * self.sensor.height) as f64;
-        for (k, &v) in rooms.iter().enumerate() {
-            let rate = if interior > 0.0 { (v / (interior * COST)).sqrt() } else { RATE.1 };
-            let rate = if rate.is_finite() { rate.clamp(RATE.0, RATE.1) } else { 1.0 };
-            self.along[k] = rate;
-            self.outward[k] = (rate * pixels).ceil() as u64;
+        let rate = |v: f64, cost: f64| {
+            let r = if interior > 0.0 { (v / (interior * cost)).sqrt() } else { 1.0 };
+            if r.is_finite() { r } else { 1.0 }
+        };
+        let rates: Vec<Pass> = passes.iter().map(|v| [rate(v[0], COST[0]), rate(v[1], COST[1])]).collect();
+        let cost: f64 = rates.iter().map(|r| r[0] * COST[0] + r[1] * COST[1]).sum();
+        let scale = (TOTAL / cost).min(1.0);
+        for (k, r) in rates.iter().enumerate() {
+            let [along, outward] = r.map(|r| (r * scale).clamp(RATE.0, RATE.1));
+            self.along[k] = along;
+            self.outward[k] = (outward * pixels).ceil() as u64;
         }
     }
 
