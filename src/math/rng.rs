@@ -172,6 +172,11 @@ mod tests {
         let n = n as f64;
         assert!((sum / n).abs() < 5.0 * (3.0 / 12.0 / n).sqrt(), "{sum}");
         assert!((products / n).abs() < 5.0 * (3.0 / 144.0 / n).sqrt(), "{products}");
+        let skip = |r: &mut Rng, n: u32| {
+            for _ in 0..n {
+                r.uniform();
+            }
+        };
         // Any 64 neighbours that start at a multiple of 64: one in each 64th, in every coordinate, beyond the tables' end too.
         for first in [0, 192, POINTS - 64, POINTS] {
             for k in [0, 7, COORDINATES - 1, COORDINATES] {
@@ -180,7 +185,7 @@ mod tests {
                     if k == COORDINATES {
                         r = r.beside(1);
                     }
-                    (0..k % COORDINATES).for_each(|_| drop(r.uniform()));
+                    skip(&mut r, k % COORDINATES);
                     (r.uniform() * 64.0) as u64
                 };
                 let mut strata: Vec<u64> = (0..64).map(stratum).collect();
@@ -191,7 +196,7 @@ mod tests {
         // Past its coordinates a stream is random.
         let late = |i| {
             let mut r = Rng::even(9, 1, 2, i);
-            (0..COORDINATES).for_each(|_| drop(r.uniform()));
+            skip(&mut r, COORDINATES);
             r.uniform()
         };
         assert!((0..64).map(late).map(|u| (u * 64.0) as u64).collect::<std::collections::HashSet<_>>().len() < 60);

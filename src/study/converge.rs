@@ -20,7 +20,9 @@ use std::time::{Duration, Instant};
 
 /// Steps of the finite differences: each half of the one before.
 const STEPS: i32 = 9;
-/// Shares of a layer's time: its derivative, everything that terms ask for, and what each step of a difference gets to show what it is good for.
+/// Time of the picture over that of a derivative, where there is one.
+const PICTURE: f64 = 0.25;
+/// Shares of a derivative's time: its own curve, everything that terms ask for, and what each step of a difference gets to show what it is good for.
 /// The rest is for the step that promises most.
 const OURS: f64 = 0.125;
 const TERMS: f64 = 0.125;
@@ -155,11 +157,11 @@ pub fn converge(
         member,
         view,
         seed: options.seed,
-        share: options.time.as_secs_f64() / (1 + wrt.len()) as f64,
+        share: options.time.as_secs_f64() / (if wrt.is_empty() { 1.0 } else { PICTURE + wrt.len() as f64 }),
         ablate: options.ablate,
         study: Study { curves: Vec::new(), speedups: Vec::new(), health: Health::new(), samples: 0.0 },
     };
-    bench.picture(given, say)?;
+    bench.picture(if wrt.is_empty() { 1.0 } else { PICTURE }, given, say)?;
     for name in wrt {
         bench.derivative(family, name, given, say)?;
     }
@@ -177,7 +179,9 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    fn picture(&mut self, given: &Given, say: &mut dyn FnMut(String)) -> Result<()> {
+    /// In the given part of a derivative's time.
+    fn picture(&mut self, share: f64, given: &Given, say: &mut dyn FnMut(String)) -> Result<()> {
+        self.share *= share;
         let reference = match given("") {
             Some(r) => r,
             None => {
@@ -190,6 +194,7 @@ impl Bench<'_> {
         say(format!("reference of the picture: {} samples a pixel", reference.spp));
         let run = |spp, seed| Ok(numbers(&self.view.picture(&self.member.scene, spp, seed)?, 0));
         let curve = Curve::new(Kind::Picture, "picture", &reference).grown(&reference, self.share, self.seed, &run)?;
+        self.share /= share;
         self.study.curves.push(curve);
         Ok(())
     }
