@@ -115,7 +115,7 @@ impl Job<'_> {
     fn state(&self, purpose: Purpose, x: usize, y: usize, sample: u64) -> State {
         let sensor = &self.scene.sensors[self.sensor];
         let pixel = self.pixel_key(x, y);
-        let mut rng = Rng::keyed(self.seed, purpose as u64, pixel, sample);
+        let mut rng = Rng::even(self.seed, purpose as u64, pixel, sample);
         let f = self.scene.films[self.sensor].part.filter;
         let (dx, dy) = (filter::sample(f, &mut rng), filter::sample(f, &mut rng));
         let (o, w) = sensor.ray(x as f64 + 0.5 + dx, y as f64 + 0.5 + dy);
@@ -136,7 +136,7 @@ impl Job<'_> {
         let n = PILOT.min((sensor.width * sensor.height) as u64 * 8);
         let mut rec = PathRecord::new();
         let mut rng = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX, 0);
-        let (mut interior, mut squares) = (0.0, vec![0.0; rooms.as_ref().map_or(0, |r| r.list.len())]);
+        let (mut interior, mut squares) = (0.0, vec![[0.0; 2]; rooms.as_ref().map_or(0, |r| r.list.len())]);
         let params = self.mode.params();
         for i in 0..n {
             let x = (rng.uniform() * sensor.width as f64) as usize;
@@ -161,16 +161,17 @@ impl Job<'_> {
                 let mut sink = Forward::new(p);
                 let mut image = vec![Rgb::ZERO; p.len()];
                 for room in 0..rooms.list.len() {
-                    let mut most = |c: rooms::Contribution| {
+                    let mut most = |c: rooms::Contribution, square_sum: &mut f64| {
                         c.emit(&mut sink);
                         sink.take(&mut image);
-                        squares[room] += square(&image);
+                        *square_sum += square(&image);
                         for (s, d) in sums[1..].iter_mut().zip(&image) {
                             *s = f64::max(*s, finite(d.abs().max()));
                         }
                     };
-                    rooms.along(room, [x, y], PILOT_KEY | i, 0, &mut tally, &mut most);
-                    rooms.outward(room, PILOT_KEY | i, &mut tally, &mut most);
+                    let [along, outward] = &mut squares[room];
+                    rooms.along(room, [x, y], PILOT_KEY | i, 0, &mut tally, &mut |c| most(c, along));
+                    rooms.outward(room, PILOT_KEY | i, &mut tally, &mut |c| most(c, outward));
                 }
             }
         }

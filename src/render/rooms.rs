@@ -17,12 +17,17 @@ use crate::transport::Tally;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-/// Samples of a room, along and outward alike, for one sample of the picture: the least and the most.
-const RATE: (f64, f64) = (1.0 / 8.0, 1.0);
-/// Cost of a room's sample (one along, one outward) over that of a path with its derivative, in rays.
-const COST: f64 = 2.5;
+/// Samples of a room's pass for one sample of the picture: the least and the most.
+const RATE: (f64, f64) = (1.0 / 8.0, 4.0);
+/// Costs of a sample along a camera ray and of one outward over that of a path with its derivative.
+const COST: Pass = [0.4, 1.0];
+/// What all rooms together may cost at most, in paths.
+const TOTAL: f64 = 1.6;
 /// Outward samples of one work item.
 pub const BLOCK: u64 = 2048;
+
+/// A number for each of a room's passes: along camera rays, outward.
+pub type Pass = [f64; 2];
 
 /// The rooms of a run.
 pub struct Rooms<'a> {
@@ -80,15 +85,22 @@ impl<'a> Rooms<'a> {
         Ok(Rooms { scene, sensor, index, outer, filter, seed, list, along, outward, nanoseconds, motion })
     }
 
-    /// Share out the work: with rate r a room's variance is `variance / r` and its cost `COST r`, beside 1 for the interior. `interior`,
-    /// `rooms`: mean squares of a pixel's derivative from one sample each, by a keyed pilot.
-    pub fn set_budget(&mut self, interior: f64, rooms: &[f64]) {
+    /// Share out the work: with rate r a pass has the variance `v / r` and costs `COST r`, beside 1 for the interior, so that the least variance x cost is at
+    /// `r = √(v / (interior COST))`; less where all together would cost too much. `interior`, `passes`: mean squares of a pixel's derivative from
+    /// one sample each, by a keyed pilot.
+    pub fn set_budget(&mut self, interior: f64, passes: &[Pass]) {
         let pixels = (self.sensor.width * self.sensor.height) as f64;
-        for (k, &v) in rooms.iter().enumerate() {
-            let rate = if interior > 0.0 { (v / (interior * COST)).sqrt() } else { RATE.1 };
-            let rate = if rate.is_finite() { rate.clamp(RATE.0, RATE.1) } else { 1.0 };
-            self.along[k] = rate;
-            self.outward[k] = (rate * pixels).ceil() as u64;
+        let rate = |v: f64, cost: f64| {
+            let r = if interior > 0.0 { (v / (interior * cost)).sqrt() } else { 1.0 };
+            if r.is_finite() { r } else { 1.0 }
+        };
+        let rates: Vec<Pass> = passes.iter().map(|v| [rate(v[0], COST[0]), rate(v[1], COST[1])]).collect();
+        let cost: f64 = rates.iter().map(|r| r[0] * COST[0] + r[1] * COST[1]).sum();
+        let scale = (TOTAL / cost).min(1.0);
+        for (k, r) in rates.iter().enumerate() {
+            let [along, outward] = r.map(|r| (r * scale).clamp(RATE.0, RATE.1));
+            self.along[k] = along;
+            self.outward[k] = (outward * pixels).ceil() as u64;
         }
     }
 
@@ -136,12 +148,12 @@ impl<'a> Rooms<'a> {
         f: &mut dyn FnMut(Contribution),
     ) {
         let start = Instant::now();
-        let mut rng = Rng::keyed(self.seed, self.purpose(room, false), key, sample);
         // Fractions add up over the samples from a random start: right on average, and even.
         let start_at = Rng::keyed(self.seed, self.purpose(room, false), key, u64::MAX).uniform();
         let until = |s: u64| (s as f64 * self.along[room] + start_at).floor();
-        let rays = (until(sample + 1) - until(sample)) as usize;
-        for _ in 0..rays {
+        // Rays are numbered without gaps.
+        for ray in until(sample) as u64..until(sample + 1) as u64 {
+            let mut rng = Rng::even(self.seed, self.purpose(room, false), key, ray);
             self.camera_ray(room, pixel, &mut rng, tally, f);
         }
         self.nanoseconds[room].fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
@@ -169,7 +181,7 @@ impl<'a> Rooms<'a> {
     /// One outward sample, onto all pixels that its film points concern.
     pub fn outward(&self, room: usize, sample: u64, tally: &mut Tally, f: &mut dyn FnMut(Contribution)) {
         let mut cx = self.context();
-        let mut rng = Rng::keyed(self.seed, self.purpose(room, true), self.index as u64, sample);
+        let mut rng = Rng::even(self.seed, self.purpose(room, true), self.index as u64, sample);
         let (radius, size) = (cx.margin, [self.sensor.width, self.sensor.height]);
         self.list[room].outward(&mut cx, &mut rng, &mut |s| {
             // Pixels x with |film - (x + 1/2)| <= radius.

@@ -128,13 +128,7 @@ impl Room for HardProfile {
     }
 
     fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
-        if cx.set.max_depth <= 1 {
-            return;
-        }
-        let mut spans = Vec::new();
-        sheet_samples::camera_spans(cx, film, &mut spans);
-        for k in 1..=spans.len() {
-            let (spans, span) = (&spans[..k], &spans[k - 1]);
+        sheet_samples::along(cx, film, |cx, spans, span| {
             for (i, cone) in self.cones.iter().enumerate() {
                 for (t, u) in cone.crossings(span.o, span.w) {
                     let rho = u.length();
@@ -148,7 +142,7 @@ impl Room for HardProfile {
                     }
                 }
             }
-        }
+        });
     }
 
     fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {

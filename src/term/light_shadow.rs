@@ -83,13 +83,7 @@ impl Room for LightShadow {
     }
 
     fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
-        if cx.set.max_depth <= 1 {
-            return;
-        }
-        let mut spans = Vec::new();
-        sheet_samples::camera_spans(cx, film, &mut spans);
-        for k in 1..=spans.len() {
-            let (spans, span) = (&spans[..k], &spans[k - 1]);
+        sheet_samples::along(cx, film, |cx, spans, span| {
             for (i, s) in self.lights.iter().enumerate() {
                 s.outlines.crossings(span.o, span.w, 0.0, span.t1, |c| {
                     let ray = Ray { across: c.ray.across * self.table.probability(i), ..c.ray };
@@ -99,7 +93,7 @@ impl Room for LightShadow {
                     sheet_samples::crossing(cx, &self.reach, &found, &partials, rng, emit);
                 });
             }
-        }
+        });
     }
 
     fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {

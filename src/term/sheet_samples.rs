@@ -54,7 +54,7 @@ pub fn is_lit(scene: &Scene, ray: &Ray, rho: f64, grazed: Grazed) -> bool {
 }
 
 /// The medium spans of a camera ray in order, up to the first opaque surface.
-pub fn camera_spans(cx: &mut Context, film: [f64; 2], spans: &mut Vec<MediumSpan>) {
+fn camera_spans(cx: &mut Context, film: [f64; 2], spans: &mut Vec<MediumSpan>) {
     let scene = cx.scene;
     spans.clear();
     let (mut o, w) = cx.sensor.ray(film[0], film[1]);
@@ -75,6 +75,18 @@ pub fn camera_spans(cx: &mut Context, film: [f64; 2], spans: &mut Vec<MediumSpan
         o = h.p;
     }
     cx.tally.missed_boundary += 1;
+}
+
+/// Every medium span of a camera ray, handed over with those before it: `find` looks for the sheet's crossings with the last one.
+pub fn along(cx: &mut Context, film: [f64; 2], mut find: impl FnMut(&mut Context, &[MediumSpan], &MediumSpan)) {
+    if cx.set.max_depth <= 1 {
+        return;
+    }
+    let mut spans = Vec::new();
+    camera_spans(cx, film, &mut spans);
+    for k in 0..spans.len() {
+        find(cx, &spans[..=k], &spans[k]);
+    }
 }
 
 /// A crossing of the last of `spans` with a sheet, at the abscissa `t` of the span and `rho` of the sheet's ray.

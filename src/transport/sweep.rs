@@ -21,7 +21,7 @@ use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::walk::{Flight, Stage, State, Tally, Walker};
 use super::{aim, camera_line};
 use crate::light::Emission;
-use crate::math::rng::{Purpose, Rng};
+use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
 use crate::params::{ParamSet, Sink, Slot};
@@ -256,7 +256,7 @@ impl Sweep<'_> {
     ) -> Rgb {
         rec.chunk_starts.clear();
         rec.moving.clone_from(&self.facts.lights);
-        state.aside = Rng::keyed(derivative.next_u64(), Purpose::Motion as u64, 0, 0);
+        state.aside = state.rng.beside(derivative.next_u64());
         rec.begin(Some(Candidates::new(&self.facts, derivative)));
         let first = state.clone();
         let mut w = Walker::new(self.scene, self.set, rec);
