@@ -154,8 +154,8 @@ fn scenes_give_their_rows() {
             format!(
                 r#"{CAMERA}{FOG}<shape type="sphere"><float name="radius" value="$x"/><bsdf type="diffuse"/></shape>"#
             ),
-            "",
             "M E1 E2 E3",
+            "",
         ),
         (
             format!(

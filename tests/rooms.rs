@@ -43,12 +43,35 @@ const VACUUM: &str = r#"<scene version="3.0.0">
   <emitter type="point"><point name="position" value="0.4, 1.9, 0.6"/><rgb name="intensity" value="3"/></emitter>
 </scene>"#;
 
+/// A floor, a ball, a block, a lamp, a point light and a hard spot in fog; ball, block, lamp and camera move.
+const FOG: &str = r#"<scene version="3.0.0">
+  <default name="ball" value="0.2"/><default name="turn" value="20"/><default name="lamp" value="0.4"/><default name="camera" value="0.1"/><default name="radiance" value="6"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.3, 0.5, 0.2"/><float name="albedo" value="0.9"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
+  <sensor type="perspective"><float name="fov" value="40"/><ref id="fog"/>
+    <transform name="to_world"><lookat origin="$camera, 1.2, 4" target="0, 0.6, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="6"/><rfilter type="gaussian"/></film><sampler type="ldsampler"/></sensor>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="sphere"><point name="center" value="$ball, 0.7, 0.2"/><float name="radius" value="0.35"/><bsdf type="diffuse"/></shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.25"/><rotate y="1" angle="$turn"/><translate x="-0.6" y="0.5" z="0.3"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="$lamp"/><rotate x="1" angle="90"/><translate y="2.2"/></transform>
+    <emitter type="area"><rgb name="radiance" value="$radiance"/></emitter></shape>
+  <emitter type="point"><point name="position" value="0.4, 1.9, 0.6"/><rgb name="intensity" value="3"/></emitter>
+  <emitter type="spot"><transform name="to_world"><rotate x="1" angle="80"/><translate x="0.1" y="1.9" z="-0.2"/></transform>
+    <float name="cutoff_angle" value="20"/><float name="beam_width" value="20"/><rgb name="intensity" value="8"/></emitter>
+</scene>"#;
+
 /// Scene, what moves in it, and the rooms that this needs.
 type Case = (&'static str, [&'static str; 4], &'static [&'static str]);
 
-const CASES: [Case; 2] = [
+const CASES: [Case; 3] = [
     (ROOM, MOVING, &["light_shadow", "hard_profile"]),
     (VACUUM, ["ball", "turn", "lamp", "camera"], &["light_shadow", "pixel_edge", "surface_edge"]),
+    (
+        FOG,
+        ["ball", "turn", "lamp", "camera"],
+        &["light_shadow", "hard_profile", "pixel_edge", "surface_edge", "medium_edge"],
+    ),
 ];
 
 fn terms(names: &[&str]) -> Terms {
@@ -180,4 +203,6 @@ fn what_stands_still_prepares_nothing() {
     assert_eq!(names(ROOM, &["x", "cone"]), ["light_shadow", "hard_profile"]);
     assert!(names(VACUUM, &["radiance"]).is_empty());
     assert_eq!(names(VACUUM, &["ball"]), ["light_shadow", "pixel_edge", "surface_edge"]);
+    assert!(names(FOG, &["radiance"]).is_empty());
+    assert_eq!(names(FOG, &["ball"]), ["light_shadow", "hard_profile", "pixel_edge", "surface_edge", "medium_edge"]);
 }

@@ -96,6 +96,11 @@ impl Rng {
         Rng { even, ..Rng::keyed(seed, purpose, pixel, sample) }
     }
 
+    /// [`Rng::even`] or [`Rng::keyed`].
+    pub fn of(even: bool, seed: u64, purpose: u64, pixel: u64, sample: u64) -> Self {
+        if even { Rng::even(seed, purpose, pixel, sample) } else { Rng::keyed(seed, purpose, pixel, sample) }
+    }
+
     /// A stream of other numbers for the same sample, even together with this one's; `key` may be anything random.
     pub fn beside(&self, key: u64) -> Self {
         let even = Even { next: COORDINATES, end: 2 * COORDINATES, ..self.even };

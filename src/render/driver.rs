@@ -115,8 +115,9 @@ impl Job<'_> {
     fn state(&self, purpose: Purpose, x: usize, y: usize, sample: u64) -> State {
         let sensor = &self.scene.sensors[self.sensor];
         let pixel = self.pixel_key(x, y);
-        let mut rng = Rng::even(self.seed, purpose as u64, pixel, sample);
-        let f = self.scene.films[self.sensor].part.filter;
+        let film = self.scene.films[self.sensor];
+        let mut rng = Rng::of(film.even, self.seed, purpose as u64, pixel, sample);
+        let f = film.part.filter;
         let (dx, dy) = (filter::sample(f, &mut rng), filter::sample(f, &mut rng));
         let (o, w) = sensor.ray(x as f64 + 0.5 + dx, y as f64 + 0.5 + dy);
         State::new(rng, o, w, sensor.medium)

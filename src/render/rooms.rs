@@ -37,6 +37,7 @@ pub struct Rooms<'a> {
     index: usize,
     outer: Option<u32>,
     filter: Filter,
+    even: bool,
     seed: u64,
     pub list: Vec<Box<dyn Room>>,
     /// Camera rays a pixel for one sample of the picture (on average), and outward samples over the whole film, of each room.
@@ -82,7 +83,20 @@ impl<'a> Rooms<'a> {
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();
         let along = vec![1.0; list.len()];
         let outward = vec![(sensor.width * sensor.height) as u64; list.len()];
-        Ok(Rooms { scene, sensor, index, outer, filter, seed, list, along, outward, nanoseconds, motion })
+        Ok(Rooms {
+            scene,
+            sensor,
+            index,
+            outer,
+            filter,
+            even: scene.films[index].even,
+            seed,
+            list,
+            along,
+            outward,
+            nanoseconds,
+            motion,
+        })
     }
 
     /// Share out the work: with rate r a pass has the variance `v / r` and costs `COST r`, beside 1 for the interior, so that the least variance x cost is at
@@ -153,7 +167,7 @@ impl<'a> Rooms<'a> {
         let until = |s: u64| (s as f64 * self.along[room] + start_at).floor();
         // Rays are numbered without gaps.
         for ray in until(sample) as u64..until(sample + 1) as u64 {
-            let mut rng = Rng::even(self.seed, self.purpose(room, false), key, ray);
+            let mut rng = Rng::of(self.even, self.seed, self.purpose(room, false), key, ray);
             self.camera_ray(room, pixel, &mut rng, tally, f);
         }
         self.nanoseconds[room].fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
@@ -181,7 +195,7 @@ impl<'a> Rooms<'a> {
     /// One outward sample, onto all pixels that its film points concern.
     pub fn outward(&self, room: usize, sample: u64, tally: &mut Tally, f: &mut dyn FnMut(Contribution)) {
         let mut cx = self.context();
-        let mut rng = Rng::even(self.seed, self.purpose(room, true), self.index as u64, sample);
+        let mut rng = Rng::of(self.even, self.seed, self.purpose(room, true), self.index as u64, sample);
         let (radius, size) = (cx.margin, [self.sensor.width, self.sensor.height]);
         self.list[room].outward(&mut cx, &mut rng, &mut |s| {
             // Pixels x with |film - (x + 1/2)| <= radius.

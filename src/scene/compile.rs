@@ -73,7 +73,8 @@ impl Scene {
         }
         let sensors: Vec<Sensor> =
             parts.sensors.iter().enumerate().map(|(i, s)| sensor(s, Owner::Sensor(i), &slots)).collect();
-        let films = parts.sensors.iter().map(|s| Film { part: s.film, spp: s.spp, seed: s.seed }).collect();
+        let films =
+            parts.sensors.iter().map(|s| Film { part: s.film, spp: s.spp, seed: s.seed, even: s.even }).collect();
 
         let mut bounds = shapes.iter().fold(Bounds::EMPTY, |b, s: &Instance| b.union(&s.shape.bounds()));
         for s in &sensors {

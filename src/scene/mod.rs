@@ -100,6 +100,8 @@ pub struct Film {
     pub part: parts::FilmPart,
     pub spp: u64,
     pub seed: u64,
+    /// Samples are spread evenly ([`crate::math::rng::Rng::even`]): every sampler but `independent`.
+    pub even: bool,
 }
 
 /// Everything a walk needs.

@@ -161,6 +161,8 @@ pub struct SensorPart<R> {
     pub film: FilmPart,
     pub spp: u64,
     pub seed: u64,
+    /// Samples are spread evenly instead of drawn one by one.
+    pub even: bool,
     pub medium: Option<usize>,
 }
 

@@ -37,7 +37,7 @@ impl<R: Real> Reader<'_, R> {
         for name in ["near_clip", "far_clip"] {
             n.float_opt::<f64>(&constants(self.env), name)?;
         }
-        let (mut spp, mut seed) = (16, 0);
+        let (mut spp, mut seed, mut even) = (16, 0, false);
         if let Some(s) = n.child("sampler")? {
             if !SAMPLERS.contains(&s.plugin.as_str()) {
                 return Err(s.unknown_plugin(&SAMPLERS));
@@ -47,6 +47,7 @@ impl<R: Real> Reader<'_, R> {
                 return Err(s.err("sample_count", format!("sample_count is {count}"), "use at least 1"));
             }
             spp = count as u64;
+            even = s.plugin != SAMPLERS[0];
             seed = s.int("seed", 0)?.unsigned_abs();
         }
         let medium = match n.child("medium")? {
@@ -54,7 +55,18 @@ impl<R: Real> Reader<'_, R> {
             None => None,
         };
         let to_world = n.transform(self.env, "to_world")?;
-        Ok(SensorPart { name: label(n), span: n.span.clone(), to_world, tan_half, offset, film, spp, seed, medium })
+        Ok(SensorPart {
+            name: label(n),
+            span: n.span.clone(),
+            to_world,
+            tan_half,
+            offset,
+            film,
+            spp,
+            seed,
+            even,
+            medium,
+        })
     }
 
     /// Tangent of half the horizontal angle, from `fov` and `fov_axis` or `focal_length`.

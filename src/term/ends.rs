@@ -12,8 +12,8 @@ use crate::shape::{Geometry, Shape};
 use crate::transport::first::{First, Seen};
 use crate::transport::line::Line;
 use crate::transport::motion::Moving;
-use crate::transport::velocity::{Source, Velocity};
 use crate::transport::record::{Event, MediumSpan, Recorder};
+use crate::transport::velocity::{Source, Velocity};
 use crate::transport::walk::{Stage, State, Walker};
 
 /// Light by the number of its scatterings so far.

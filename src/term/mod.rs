@@ -21,8 +21,8 @@ pub mod sheet_samples;
 pub mod surface_edge;
 
 use crate::error::{Error, Result};
-use crate::math::rng::Rng;
 use crate::math::Rgb;
+use crate::math::rng::Rng;
 use crate::params::{Mover, ParamSet, Partial, Slot};
 use crate::scene::{Scene, Settings};
 use crate::sensor::Sensor;
