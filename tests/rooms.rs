@@ -193,7 +193,7 @@ fn is_far_from_nothing(&(text, moving, rooms): &Case) {
 fn what_stands_still_prepares_nothing() {
     let names = |text: &str, wrt: &[&str]| -> Vec<&'static str> {
         let (desc, sc) = scene(text);
-        let motion = Motion::new(&sc, &sc.sensors[0], &params(&desc, &sc, wrt));
+        let motion = Motion::new(&sc, &sc.sensors[0], &params(&desc, &sc, wrt)).unwrap();
         rooms(&sc, &sc.sensors[0], 0.5, &motion, |_| true).iter().map(|r| r.name()).collect()
     };
     assert!(names(ROOM, &["sigma"]).is_empty());

@@ -91,6 +91,16 @@ impl Medium {
         }
     }
 
+    /// Grids at whose boxes the medium may end: of density, albedo and emission.
+    pub fn clipped_grids(&self) -> impl Iterator<Item = &Grid> {
+        let grid = |v: &'_ Volume| -> bool { matches!(v, Volume::Grid(g) if g.clip_box().is_some()) };
+        let all = [Some(&self.density), Some(&self.albedo), self.emission.as_ref()].into_iter().flatten();
+        all.filter(move |v| grid(v)).filter_map(|v| match v {
+            Volume::Grid(g) => Some(&**g),
+            Volume::Constant(_) => None,
+        })
+    }
+
     /// Single-scattering albedo at a world point.
     pub fn albedo_at(&self, p: DVec3) -> Rgb {
         self.albedo.at(p)

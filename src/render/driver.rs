@@ -213,13 +213,12 @@ impl Job<'_> {
         let swept = swept.as_ref().filter(|p| self.terms.wants("interior") || p.any_active());
         let borders = swept.map(|p| p.only(|s| self.scene.moves_a_border(s))).filter(ParamSet::any_active);
         let borders = borders.as_ref().filter(|_| self.split);
-        let sweep = swept.map(|params| Sweep {
-            scene: self.scene,
-            set: &self.scene.settings,
-            params,
-            facts: Arc::new(SweepFacts::new(self.scene, &self.scene.sensors[self.sensor], params)),
-            sensor: &self.scene.sensors[self.sensor],
+        let (scene, sensor) = (self.scene, &self.scene.sensors[self.sensor]);
+        let sweep = swept.map(|params| {
+            let facts = Arc::new(SweepFacts::new(scene, sensor, params)?);
+            Ok(Sweep { scene, set: &scene.settings, params, facts, sensor })
         });
+        let sweep = sweep.transpose()?;
         let mut layers = self.layers();
         layers.extend(self.term_layers("interior"));
         rooms.iter().flat_map(|r| &r.list).for_each(|r| layers.extend(self.term_layers(r.name())));

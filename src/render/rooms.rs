@@ -74,7 +74,7 @@ impl<'a> Rooms<'a> {
         wanted: impl Fn(&str) -> bool,
     ) -> Result<Rooms<'a>> {
         let (index, sensor) = (sensor, &scene.sensors[sensor]);
-        let motion = Motion::new(scene, sensor, params);
+        let motion = Motion::new(scene, sensor, params)?;
         hard_profile::refuse(scene, &motion)?;
         let filter = scene.films[index].part.filter;
         motion.check(scene, sensor, crop, filter::radius(filter))?;

@@ -25,8 +25,8 @@ pub struct Near {
 }
 
 impl Group {
-    /// See [`Scene::nearest_point`].
-    fn nearest_point(
+    /// See [`Scene::nearest_point`]; `shapes` as the group was built from.
+    pub fn nearest_point(
         &self,
         shapes: &[Instance],
         p: DVec3,

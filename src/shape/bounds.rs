@@ -34,6 +34,11 @@ impl Bounds {
         self.min.cmple(p).all() && p.cmple(self.max).all()
     }
 
+    /// Distance between two boxes; 0 where they overlap.
+    pub fn gap(&self, o: &Bounds) -> f64 {
+        (self.min - o.max).max(o.min - self.max).max(DVec3::ZERO).length()
+    }
+
     pub fn center(&self) -> DVec3 {
         self.min + (self.max - self.min) * 0.5
     }

@@ -28,7 +28,7 @@ pub struct Agreement {
     pub significant: bool,
     /// Mean |a| over places and channels.
     pub mean_abs: f64,
-    /// Root mean square over places and channels of the combined standard error, bias included.
+    /// Mean over places and channels of the combined standard error, bias included: as `mean_abs` is a mean, a few noisy places do not decide alone.
     pub error: f64,
     /// `error` / `mean_abs`; 0 where everything is exactly 0.
     pub relative_error: f64,
@@ -95,7 +95,7 @@ impl Agreement {
         let chi_square_threshold = largest_chi_square(places, ALPHA / 6.0);
         let variance = |i: usize| a.variance(i) + b.variance(i) + bias[i] * bias[i];
         let mean_abs = a.mean_abs();
-        let error = mean((0..z.len()).map(variance)).sqrt();
+        let error = mean((0..z.len()).map(|i| variance(i).sqrt()));
         let zero = a.is_zero() && b.is_zero() && bias.iter().all(|&x| x == 0.0);
         let (mut fail, mut pass) = (0, 0);
         for p in 0..places {

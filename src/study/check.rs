@@ -4,7 +4,7 @@
 //! Samples are doubled where the error is larger until the comparison is sharp enough or disagreement is certain:
 //!
 //! - fail: significant over blocks ([`Agreement`]), at two numbers of samples in a row or at the last;
-//! - pass: not significant, and the combined standard error of blocks, step bias included, is at most the tolerance times
+//! - pass: not significant, and the combined standard error of blocks, step bias included, is on average at most the tolerance times
 //!   mean |d| over blocks; also where both are exactly 0;
 //! - undecided: time or samples were over before.
 
@@ -252,9 +252,9 @@ impl Bench<'_> {
                 self.more_of_theirs(&difference, &mut theirs, generation)?;
             }
             let biases = Bias::places(&theirs.blocks[1]);
-            let bias = mean(biases.iter().map(|b| b * b)).sqrt();
+            let bias = mean(biases.iter().map(|b| b.abs()));
             let blocks = Agreement::new(&ours.blocks[k + 1], &theirs.blocks[0], &biases, o.tolerance);
-            let errors = [ours.blocks[k + 1].mean_variance().sqrt(), theirs.blocks[0].mean_variance().sqrt()];
+            let errors = [ours.blocks[k + 1].mean_error(), theirs.blocks[0].mean_error()];
             say(format!(
                 "{name}: error {:.2} % of mean |d| (ours {:.2}, differences {:.2}, step bias {:.2}), max |z| {:.2}",
                 100.0 * blocks.relative_error,

@@ -31,6 +31,11 @@ impl Rounds {
         }
     }
 
+    /// Mean over places and channels of the mean's standard error.
+    pub fn mean_error(&self) -> f64 {
+        mean((0..self.mean.len()).map(|i| self.variance(i).sqrt()))
+    }
+
     /// Variance of the mean of entry i; NaN below two rounds.
     pub fn variance(&self, i: usize) -> f64 {
         if self.rounds < 2 { f64::NAN } else { self.m2[i] / (self.rounds - 1) as f64 / self.samples }

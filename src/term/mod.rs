@@ -9,6 +9,7 @@ pub mod arcs;
 pub mod crossings;
 pub mod edge_set;
 pub mod ends;
+pub mod follows;
 pub mod grazing;
 pub mod hard_profile;
 pub mod light_shadow;
@@ -71,20 +72,20 @@ pub struct LightMotion {
 }
 
 impl Motion {
-    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Motion {
+    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Result<Motion> {
         let active = |slot: Slot, n| slot != Slot::MAX && params.block_active(slot, n);
         let motion = |l: &crate::light::Light| LightMotion {
             position: active(l.place.position, 3),
             direction: active(l.place.direction, 3),
             angles: active(l.place.angles, 2),
         };
-        let moving = Moving::new(scene, sensor, params);
+        let moving = Moving::new(scene, sensor, params)?;
         let others = moving.any();
         let glows = |s: &&crate::scene::Instance| {
             scene.is_null(s) && s.light.is_some() && (others || params.block_active(s.mover.first, Mover::SLOTS))
         };
         let glowing_null = scene.shapes.iter().find(glows).map(|s| s.name.clone());
-        Motion { lights: scene.lights.iter().map(motion).collect(), moving, glowing_null }
+        Ok(Motion { lights: scene.lights.iter().map(motion).collect(), moving, glowing_null })
     }
 
     /// Shapes of one class move alike.
@@ -143,6 +144,9 @@ impl Motion {
                     "let them touch, keep them apart, or make one mesh of them",
                 ));
             }
+        }
+        if self.surfaces() {
+            follows::check(scene)?;
         }
         let smooth = scene.shapes.iter().find(|s| {
             let reflects = !scene.surfaces[s.surface as usize].is_null();

@@ -10,12 +10,15 @@
 //! has no limit but a bound, and its derivative grows like one over the distance, which is integrable.
 
 use super::velocity::{Rate, Source, Velocity};
+use crate::error::Result;
 use crate::math::{DMat3, DVec3};
-use crate::medium::Volume;
 use crate::params::{Mover, ParamSet, Slot};
+use crate::scene::geometry::Group;
 use crate::scene::nearest::Kind;
 use crate::scene::{Instance, Scene};
 use crate::shape::{Bounds, Cube, Geometry};
+use std::fmt;
+use std::sync::Arc;
 
 /// What moves alike has one number; what stands still, or is no opaque shape, none. Two fields of velocities are one if four points in
 /// general position move alike.
@@ -56,12 +59,39 @@ pub fn decay(t: f64) -> (f64, f64) {
 }
 
 /// Shapes that move alike.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 struct Class {
-    id: u32,
     bounds: Bounds,
     /// R.
     reach: f64,
+    /// The shapes themselves, and what else is opaque or a border within reach of them: in hierarchies of their own, because a nearest point
+    /// is not found quickly among many that do not count.
+    own: Arc<Group>,
+    others: Arc<Group>,
+}
+
+impl fmt::Debug for Class {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("Class").field("bounds", &self.bounds).field("reach", &self.reach).finish_non_exhaustive()
+    }
+}
+
+impl Class {
+    /// Of the shapes that `own` names.
+    fn new(scene: &Scene, own: &dyn Fn(u32) -> bool) -> Result<Class> {
+        let shape = |i: u32| &scene.shapes[i as usize];
+        let (members, rest): (Vec<u32>, Vec<u32>) = (0..scene.shapes.len() as u32).partition(|&i| own(i));
+        let bounds = members.iter().fold(Bounds::EMPTY, |b, &i| b.union(&shape(i).shape.bounds()));
+        let reach = bounds.radius();
+        let counts = |&i: &u32| {
+            let s = shape(i);
+            let gap = s.shape.bounds().gap(&bounds);
+            (!scene.is_null(s) || s.boundary) && gap < reach
+        };
+        let others: Vec<u32> = rest.into_iter().filter(counts).collect();
+        let group = |members: &[u32]| Ok(Arc::new(Group::build(&scene.shapes, members)?));
+        Ok(Class { bounds, reach, own: group(&members)?, others: group(&others)? })
+    }
 }
 
 /// Empty in a scene without media: nothing has to follow there.
@@ -86,24 +116,17 @@ struct Pull {
 }
 
 impl Field {
-    pub fn new(scene: &Scene, class_of: Vec<Option<u32>>) -> Field {
+    pub fn new(scene: &Scene, class_of: Vec<Option<u32>>) -> Result<Field> {
         let media = !scene.media.is_empty();
         let count = class_of.iter().flatten().max().map_or(0, |m| m + 1);
-        let class = |id: u32| {
-            let members = scene.shapes.iter().zip(&class_of).filter(|(_, c)| **c == Some(id));
-            let bounds = members.fold(Bounds::EMPTY, |b, (s, _)| b.union(&s.shape.bounds()));
-            Class { id, bounds, reach: bounds.radius() }
-        };
-        let classes = if media { (0..count).map(class).collect() } else { Vec::new() };
+        let class = |id: u32| Class::new(scene, &|i| class_of[i as usize] == Some(id));
+        let classes = if media { (0..count).map(class).collect::<Result<_>>()? } else { Vec::new() };
         let embedded = |i: &u32| scene.embedded_selection(*i) > 0.0;
         let lights = (0..scene.lights.len() as u32).filter(embedded);
         let lights = lights.filter_map(|i| scene.lights[i as usize].center()).collect();
-        let boxed = |m: &crate::medium::Medium| match &m.density {
-            Volume::Grid(g) => g.clip_box().and_then(|b| Cube::new(b, false).ok()),
-            Volume::Constant(_) => None,
-        };
-        let boxes = scene.media.iter().filter_map(boxed).collect();
-        Field { class_of, classes, media, lights, boxes }
+        let grids = scene.media.iter().flat_map(|m| m.clipped_grids());
+        let boxes = grids.filter_map(|g| Cube::new(g.clip_box()?, false).ok()).collect();
+        Ok(Field { class_of, classes, media, lights, boxes })
     }
 
     /// Whether medium points have to follow anything.
@@ -116,31 +139,11 @@ impl Field {
         self.class_of[shape as usize]
     }
 
-    /// Distance to what medium points must not cross, of shapes those that `accept` takes, and its gradient; infinite beyond `radius`.
-    fn others(&self, scene: &Scene, y: DVec3, radius: f64, accept: &dyn Fn(u32, u32) -> bool) -> (f64, DVec3) {
-        let mut best: (f64, DVec3) = (f64::INFINITY, DVec3::ZERO);
-        let mut offer = |distance: f64, p: DVec3| {
-            if distance < best.0.min(radius) {
-                best = (distance, if distance > 0.0 { (y - p) / distance } else { DVec3::ZERO });
-            }
-        };
-        for &p in &self.lights {
-            offer((y - p).length(), p);
-        }
-        for b in &self.boxes {
-            let (p, _) = b.nearest(y);
-            offer((y - p).length(), p);
-        }
-        let limit = best.0.min(radius);
-        let opaque = scene.nearest_point(Kind::Opaque, y, limit, accept);
-        let limit = opaque.as_ref().map_or(limit, |n| n.distance);
-        let border = scene.nearest_point(Kind::Null, y, limit, &|s, _| scene.shapes[s as usize].boundary);
-        for n in [opaque, border].into_iter().flatten() {
-            if n.distance < best.0 {
-                best = (n.distance, if n.distance > 0.0 { (y - n.p) / n.distance } else { DVec3::ZERO });
-            }
-        }
-        best
+    /// Of the points that medium points must not cross and that belong to no shape, the nearest within `radius`.
+    fn nearest_without_shape(&self, y: DVec3, radius: f64) -> Option<(f64, DVec3)> {
+        let points = self.lights.iter().copied().chain(self.boxes.iter().map(|b| b.nearest(y).0));
+        let near = points.map(|p| ((y - p).length(), p)).filter(|n| n.0 < radius);
+        near.min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     fn pulls(&self, scene: &Scene, y: DVec3) -> Vec<Pull> {
@@ -150,17 +153,21 @@ impl Field {
             if out.length_squared() >= class.reach * class.reach {
                 continue;
             }
-            let own = |s: u32, _| self.class_of[s as usize] == Some(class.id);
-            let Some(near) = scene.nearest_point(Kind::Opaque, y, class.reach, &own) else { continue };
+            let Some(near) = class.own.nearest_point(&scene.shapes, y, class.reach, &|_, _| true) else { continue };
             let d = near.distance;
             let (k, slope) = decay(d / class.reach);
-            let (s, away) = self.others(scene, y, class.reach, &|s, f| !own(s, f));
-            let s = s.min(class.reach);
+            let point = self.nearest_without_shape(y, class.reach);
+            let limit = point.map_or(class.reach, |n| n.0);
+            let shape = class.others.nearest_point(&scene.shapes, y, limit, &|_, _| true);
+            let other = shape.map(|n| (n.distance, n.p)).or(point);
+            let s = other.map_or(class.reach, |n| n.0);
             let sum = d * d + s * s;
             if sum <= 0.0 || k == 0.0 {
                 continue;
             }
-            let toward = if d > 0.0 { (y - near.p) / d } else { DVec3::ZERO };
+            let slope_of = |distance: f64, p: DVec3| if distance > 0.0 { (y - p) / distance } else { DVec3::ZERO };
+            let toward = slope_of(d, near.p);
+            let away = other.map_or(DVec3::ZERO, |(s, p)| slope_of(s, p));
             let share = s * s / sum;
             // share = 1 - d²/sum: by d, and by s.
             let (by_d, by_s) = (-2.0 * d * s * s / (sum * sum), 2.0 * s * d * d / (sum * sum));
@@ -184,6 +191,10 @@ impl Field {
 
     /// Radius of a ball around `y` that meets nothing that medium points must not cross, the named face (of a sphere, all of it) excepted.
     pub fn clearance(&self, scene: &Scene, y: DVec3, but: Option<(u32, u32)>) -> f64 {
-        self.others(scene, y, f64::INFINITY, &|s, f| Some((s, f)) != but).0
+        let limit = self.nearest_without_shape(y, f64::INFINITY).map_or(f64::INFINITY, |n| n.0);
+        let opaque = scene.nearest_point(Kind::Opaque, y, limit, &|s, f| Some((s, f)) != but);
+        let limit = opaque.map_or(limit, |n| n.distance);
+        let border = scene.nearest_point(Kind::Null, y, limit, &|s, _| scene.shapes[s as usize].boundary);
+        border.map_or(limit, |n| n.distance)
     }
 }

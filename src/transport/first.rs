@@ -176,6 +176,7 @@ impl FilmLine<'_> {
 
     fn medium(&self, p: DVec3, span: &MediumSpan) -> First {
         let Some(piece) = Piece::of(self.scene, span) else { return First::default() };
+        let piece = piece.smooth_at(self.scene, (p - piece.o).dot(piece.w));
         let [a, b] = self.ends(&piece);
         let w = piece.w;
         let (before, length) = ((p - piece.start()).dot(w), piece.t1 - piece.t0);

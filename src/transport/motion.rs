@@ -17,6 +17,7 @@ use super::first::{FilmLine, First, Seen};
 use super::piece::{Piece, Stop};
 use super::record::{Drawn, End, MediumSpan};
 use super::velocity::{Rate, Source, Velocity};
+use crate::error::Result;
 use crate::light::{LightKind, spot_falloff};
 use crate::math::{DVec3, Rgb, gradient};
 use crate::params::{Covector, ParamSet, Sink};
@@ -34,11 +35,11 @@ pub struct Moving {
 }
 
 impl Moving {
-    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Moving {
+    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Result<Moving> {
         let classes = classes(scene, params);
         let camera = sensor.moves(params);
         let any = camera || classes.iter().any(Option::is_some);
-        Moving { any, field: Field::new(scene, classes), camera }
+        Ok(Moving { any, field: Field::new(scene, classes)?, camera })
     }
 
     pub fn any(&self) -> bool {

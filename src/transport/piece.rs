@@ -75,6 +75,24 @@ impl Piece {
         (piece.t1 > piece.t0).then_some(piece)
     }
 
+    /// The part around the abscissa t in which the medium's source has no jump: albedo and emission may end at boxes of their own.
+    #[must_use]
+    pub fn smooth_at(mut self, scene: &Scene, t: f64) -> Piece {
+        for grid in scene.media[self.medium as usize].clipped_grids() {
+            let (lo, hi) = grid.clip_ray(self.o, self.w, self.t0, self.t1);
+            let slack = SAME * if self.t1.is_finite() { self.t1 - self.t0 } else { 1.0 };
+            for cut in [lo, hi].into_iter().filter(|_| lo < hi) {
+                let border = Stop::Border(grid.border_normal(self.o + self.w * cut).normalize());
+                if cut <= t && cut > self.t0 + slack {
+                    (self.t0, self.from) = (cut, border);
+                } else if cut > t && cut < self.t1 - slack {
+                    (self.t1, self.to) = (cut, border);
+                }
+            }
+        }
+        self
+    }
+
     pub fn start(&self) -> DVec3 {
         self.o + self.w * self.t0
     }

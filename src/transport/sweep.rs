@@ -20,6 +20,7 @@ use super::motion::{Chain, Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::walk::{Flight, Stage, State, Tally, Walker};
 use super::{aim, camera_line};
+use crate::error::Result;
 use crate::light::Emission;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
@@ -88,7 +89,7 @@ struct MediumFacts {
 }
 
 impl SweepFacts {
-    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Self {
+    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Result<Self> {
         let media: Vec<MediumFacts> = scene
             .media
             .iter()
@@ -115,9 +116,9 @@ impl SweepFacts {
             1u64.checked_shl(moving - 1).unwrap_or(0)
         };
         let lights = scene.lights.iter().map(bit).collect();
-        let (moving, borders) = (Moving::new(scene, sensor, params), Borders::new(scene, params));
+        let (moving, borders) = (Moving::new(scene, sensor, params)?, Borders::new(scene, params));
         let any_source = any_source || borders.any();
-        SweepFacts { media, surfaces, lights, any_source, moving, borders }
+        Ok(SweepFacts { media, surfaces, lights, any_source, moving, borders })
     }
 }
 
