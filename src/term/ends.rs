@@ -9,6 +9,7 @@ use crate::params::Partial;
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::sensor::Projected;
 use crate::shape::{Geometry, Shape};
+use crate::transport::attach::Attached;
 use crate::transport::first::{First, Seen};
 use crate::transport::line::Line;
 use crate::transport::motion::Moving;
@@ -209,43 +210,52 @@ pub enum Point {
     Infinity,
 }
 
-/// The first vertex of the camera's path to a point: the point itself, or another one.
+/// The first vertex of the camera's path to a point: the point itself, the one before it, or another one.
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
     first: First,
+    /// Where that first vertex is.
+    p: DVec3,
     itself: bool,
+    /// The point whose motion is asked for comes right after it.
+    next: bool,
 }
 
 impl Watch {
     /// The point that `q` projects is seen by the camera itself.
     pub fn itself(cx: &Context, q: &Projected, point: &Point) -> Watch {
-        Watch { itself: true, ..Watch::other(cx, q, point) }
+        Watch { itself: true, ..Watch::other(cx, q, point, false) }
     }
 
     /// The camera's path comes by way of the point that `q` projects.
-    pub fn other(cx: &Context, q: &Projected, point: &Point) -> Watch {
+    pub fn other(cx: &Context, q: &Projected, point: &Point, next: bool) -> Watch {
         let seen = match point {
             Point::Surface(hit) => Some(Seen::Surface { hit: *hit, w: q.w }),
             Point::Medium(p) if cx.moving.any() => camera_span(cx, q).map(|span| Seen::Medium { p: *p, span }),
             _ => None,
         };
-        Watch::new(cx, seen)
+        Watch::new(cx, seen, next)
     }
 
     /// The point is this first vertex.
     pub fn seen(cx: &Context, seen: Seen) -> Watch {
-        Watch { itself: true, ..Watch::new(cx, Some(seen)) }
+        Watch { itself: true, ..Watch::new(cx, Some(seen), false) }
     }
 
-    /// By way of a first vertex that is known.
-    pub fn new(cx: &Context, seen: Option<Seen>) -> Watch {
+    /// By way of a first vertex that is known, or right after it.
+    pub fn new(cx: &Context, seen: Option<Seen>, next: bool) -> Watch {
         let first = seen.filter(|_| cx.moving.any()).map(|s| cx.moving.film_line(cx.scene).first(&s));
-        Watch { first: first.unwrap_or_default(), itself: false }
+        let p = match seen {
+            Some(Seen::Medium { p, .. }) => p,
+            Some(Seen::Surface { hit, .. }) => hit.p,
+            None => DVec3::NAN,
+        };
+        Watch { first: first.unwrap_or_default(), p, itself: false, next }
     }
 
-    /// The same first vertex, for a later point.
+    /// The same first vertex, for the point after the one at hand.
     pub fn later(&self) -> Watch {
-        Watch { itself: false, ..self.clone() }
+        Watch { itself: false, next: self.itself, ..self.clone() }
     }
 }
 
@@ -283,7 +293,12 @@ pub fn motion(cx: &Context, point: &Point, watch: &Watch, c: DVec3, out: &mut Pa
         Point::Surface(h) => {
             let (carried, _) = Moving::on_surface(&watch.first, h.p);
             let own = moving.moves(h.shape).then(|| Velocity::of(Source::Shape(h.shape), h.p));
-            own.map_or(carried.clone(), |v| v.plus(1.0, &carried))
+            let own = own.map_or(carried.clone(), |v| v.plus(1.0, &carried));
+            let shape = &scene.shapes[h.shape as usize].shape;
+            match Attached::new(shape, watch.p, h.p, h.n).filter(|_| watch.next) {
+                Some(a) => own.clone().plus(1.0, &watch.first.velocity.clone().plus(-1.0, &own).mapped(a.map)),
+                None => own,
+            }
         }
         Point::Medium(p) => moving.in_medium(scene, &watch.first, *p).0,
         Point::Infinity => return,

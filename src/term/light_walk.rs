@@ -140,7 +140,7 @@ impl LightWalk<'_> {
             }
             let shown = self.source.shown(set, s.depth + 1);
             if !shown.is_zero() {
-                self.through_a_camera_ray(cx, &z, s.beta / s.r.mean() * shown, &mut s.rng, emit);
+                self.through_a_camera_ray(cx, &z, s.depth == 1, s.beta / s.r.mean() * shown, &mut s.rng, emit);
             }
             let (u, v) = (s.rng.uniform(), s.rng.uniform());
             let Some((w, f, density)) = z.sample(scene, u, v) else { break };
@@ -168,7 +168,7 @@ impl LightWalk<'_> {
                 s.rng = stream;
                 if let Some(f) = seen {
                     let point = next.hit.map_or(Point::Medium(next.p), Point::Surface);
-                    let watch = Watch::other(cx, &q, &point);
+                    let watch = Watch::other(cx, &q, &point, s.depth == 2);
                     self.emit(cx, q.film, s.beta / s.r.mean() * shown * f * share, &watch, emit);
                 }
             }
@@ -208,11 +208,12 @@ impl LightWalk<'_> {
         q.pixels_per_area / (size[0] * size[1]) * t.density(q.distance)
     }
 
-    /// Technique (b).
+    /// Technique (b). `start`: the walk's own start is connected.
     fn through_a_camera_ray(
         &self,
         cx: &mut Context,
         z: &Vertex,
+        start: bool,
         weight: Rgb,
         rng: &mut Rng,
         emit: &mut dyn FnMut(&Sample),
@@ -256,7 +257,7 @@ impl LightWalk<'_> {
         let phase = m.phase.eval(one_minus_cos(w, dz));
         let flux =
             weight * f * sigma_s * transmittance * way * (phase * q.pixels_per_area / (d * d) / (per_volume + a));
-        let watch = Watch::new(cx, Some(Seen::Medium { p: y, span }));
+        let watch = Watch::new(cx, Some(Seen::Medium { p: y, span }), start);
         self.emit(cx, film, flux, &watch, emit);
     }
 

@@ -1,6 +1,7 @@
 //! Transport: walks, what they record, and the sweep that turns a record into partial derivatives.
 
 pub mod aim;
+pub mod attach;
 pub mod beside;
 pub mod border;
 pub mod camera_line;

@@ -12,11 +12,12 @@
 //!
 //! Silhouettes have rooms of their own.
 
+use super::attach::Attached;
 use super::field::{Field, classes};
 use super::first::{FilmLine, First, Seen};
 use super::piece::{Piece, Stop};
 use super::record::{Drawn, End, MediumSpan};
-use super::velocity::{Rate, Source, Velocity};
+use super::velocity::{Rate, Source, Velocity, transposed};
 use crate::error::Result;
 use crate::light::{LightKind, spot_falloff};
 use crate::math::{DVec3, Rgb, gradient};
@@ -72,8 +73,8 @@ impl Moving {
 /// The far end of a segment.
 #[derive(Clone, Debug)]
 enum Tip {
-    /// A surface point: its shape's matter, and what it does on top of it.
-    Surface { shape: u32, p: DVec3, n: DVec3, carried: Velocity, spread: Rate },
+    /// A surface point: its shape's matter, what it does on top of it, and what its own segments ask of its velocity and of its normal.
+    Surface { shape: u32, p: DVec3, n: DVec3, carried: Velocity, spread: Rate, at: Covector, turn: Covector },
     /// A medium point; `turned`: on how the segment's direction turns there.
     Medium { p: DVec3, velocity: Velocity, turned: Covector },
     /// A light with a position and no extent, which stands still here: its own motion is [`super::aim`]'s.
@@ -130,7 +131,8 @@ impl<S: Sink> Chained<'_, S> {
         match end {
             End::Shape { shape, p, n } => {
                 let (carried, spread) = Moving::on_surface(self.first, p);
-                Tip::Surface { shape, p, n, carried, spread }
+                let (at, turn) = (Covector::default(), Covector::default());
+                Tip::Surface { shape, p, n, carried, spread, at, turn }
             }
             End::Point(light) => Tip::Point(light),
             End::Infinity(w) => Tip::Infinity(w),
@@ -169,7 +171,7 @@ impl<S: Sink> Chained<'_, S> {
         let pieces = way.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
         let leg = Leg { tip: self.tip(end), value, emitted: value, pieces };
         let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
-        v.leave(self, leg);
+        v.leave(self, leg, seen);
         v.source(self.scene.media[via.medium as usize].sigma_s_gradient(via.p), unscattered);
         self.medium_point(chain, v, value, &Seen::Medium { p: via.p, span: via.span }, lead, seen);
     }
@@ -197,7 +199,7 @@ impl<S: Sink> Chained<'_, S> {
     /// A collision that all legs left. `is_first`: seen by the camera.
     pub fn scatter(&mut self, chain: &mut Chain, medium: u32, p: DVec3, travel: DVec3, is_first: bool) {
         let mut v = Vertex::new(Place::Medium { medium, p, travel });
-        let after = v.leave_all(self, chain);
+        let after = v.leave_all(self, chain, is_first);
         let m = &self.scene.media[medium as usize];
         if !m.is_homogeneous() {
             let sigma_s = m.coefficients(p).1;
@@ -212,7 +214,7 @@ impl<S: Sink> Chained<'_, S> {
     /// The surface vertex that all legs left.
     pub fn reflect(&mut self, chain: &mut Chain, hit: &Hit, is_first: bool) {
         let mut v = Vertex::new(Place::Surface(hit));
-        let after = v.leave_all(self, chain);
+        let after = v.leave_all(self, chain, is_first);
         self.turn_to(chain, v, after, is_first);
     }
 
@@ -279,7 +281,7 @@ impl<'a> Vertex<'a> {
         }
     }
 
-    fn leave_all<S: Sink>(&mut self, cx: &mut Chained<S>, chain: &mut Chain) -> Rgb {
+    fn leave_all<S: Sink>(&mut self, cx: &mut Chained<S>, chain: &mut Chain, is_first: bool) -> Rgb {
         let mut after = Rgb::ZERO;
         let mut next = chain.next.take();
         if let Some(leg) = &mut next {
@@ -288,12 +290,12 @@ impl<'a> Vertex<'a> {
         chain.pieces.clear();
         for leg in chain.connections.drain(..).chain(next) {
             after += leg.value;
-            self.leave(cx, leg);
+            self.leave(cx, leg, is_first);
         }
         after
     }
 
-    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: Leg) {
+    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: Leg, is_first: bool) {
         let (x, value, scene) = (self.p(), leg.value, cx.scene);
         let (p, w, d) = match &leg.tip {
             Tip::Surface { p, .. } | Tip::Medium { p, .. } => (*p, (*p - x).normalize(), (*p - x).length()),
@@ -335,11 +337,20 @@ impl<'a> Vertex<'a> {
             }
             Tip::Infinity(_) => {}
         }
+        // Held to its direction, a point scores less by that share.
+        let attached = match &leg.tip {
+            Tip::Surface { shape, p, n, .. } if is_first => {
+                Attached::new(&scene.shapes[*shape as usize].shape, x, *p, *n)
+            }
+            _ => None,
+        };
+        let kept = 1.0 - attached.map_or(0.0, |a| a.share);
         if d < f64::INFINITY {
             between += turning.across(w).scaled(1.0 / d);
-            near += between.scaled(-1.0);
-            far += between;
+            near += between.scaled(-kept);
+            far += between.scaled(kept);
         }
+        let mut passing = Covector::default();
         for piece in &leg.pieces {
             let forms = piece.depth_forms(scene);
             for (mut form, stop, q) in [(forms[0], piece.from, piece.start()), (forms[1], piece.to, piece.end())] {
@@ -351,20 +362,33 @@ impl<'a> Vertex<'a> {
                 let f = if d < f64::INFINITY { ((q - x).dot(w) / d).clamp(0.0, 1.0) } else { 0.0 };
                 let form = form.weighed(-value);
                 near += form.scaled(1.0 - f);
-                far += form.scaled(f);
+                passing += form.scaled(f);
             }
         }
+        far += passing;
         self.at += near;
         match &leg.tip {
             Tip::Medium { velocity, .. } => velocity.apply(scene, cx.sensor, &far, cx.sink),
-            Tip::Surface { shape, n, carried, spread, .. } => {
+            Tip::Surface { shape, n, carried, spread, at, turn, .. } => {
                 let mut turned = Covector::default();
-                turned.add(w, value * (1.0 / n.dot(w)));
-                move_surface(cx, *shape, p, *n, &far, &turned, carried);
-                if cx.moving.moves(*shape) {
-                    scene.shapes[*shape as usize].mover.area(*n, leg.emitted, cx.sink);
+                turned.add(w, value * (kept / n.dot(w)));
+                if let Some(a) = &attached {
+                    // On ẋ - ż_B: what asks for z's velocity beside the segment itself.
+                    let mut asks = passing;
+                    asks += *at;
+                    asks += bend_form(scene, *shape, p, *n, turn);
+                    let mut form = transposed(&a.map, &asks);
+                    form.add(a.form, value);
+                    self.at += form;
+                    far += form.scaled(-1.0);
                 }
-                spread.apply(scene, cx.sensor, leg.emitted, cx.sink);
+                move_surface(cx, *shape, p, *n, &far, &turned, carried);
+                // Of the Jacobian the vertex itself has counted what its own segments brought.
+                let counts = leg.emitted + value * (kept - 1.0);
+                if cx.moving.moves(*shape) {
+                    scene.shapes[*shape as usize].mover.area(*n, counts, cx.sink);
+                }
+                spread.apply(scene, cx.sensor, counts, cx.sink);
             }
             Tip::Point(_) | Tip::Infinity(_) => {}
         }
@@ -386,7 +410,8 @@ impl<'a> Vertex<'a> {
                     cx.scene.shapes[hit.shape as usize].mover.area(hit.n, after, cx.sink);
                 }
                 spread.apply(cx.scene, cx.sensor, after, cx.sink);
-                Tip::Surface { shape: hit.shape, p: hit.p, n: hit.n, carried, spread }
+                let Vertex { at, turn, .. } = self;
+                Tip::Surface { shape: hit.shape, p: hit.p, n: hit.n, carried, spread, at, turn }
             }
         }
     }
@@ -436,8 +461,14 @@ fn move_surface<S: Sink>(
 
 /// `<turn, ṅ>` as a point moves over its surface.
 fn bend<S: Sink>(cx: &mut Chained<S>, shape: u32, p: DVec3, n: DVec3, turn: &Covector, over: &Velocity) {
-    if let Shape::Sphere(s) = &cx.scene.shapes[shape as usize].shape {
-        let form = turn.across(n).scaled(n.dot(p - s.center).signum() / s.radius);
-        over.apply(cx.scene, cx.sensor, &form, cx.sink);
+    let form = bend_form(cx.scene, shape, p, n, turn);
+    over.apply(cx.scene, cx.sensor, &form, cx.sink);
+}
+
+/// The same as a form on its velocity.
+fn bend_form(scene: &Scene, shape: u32, p: DVec3, n: DVec3, turn: &Covector) -> Covector {
+    match &scene.shapes[shape as usize].shape {
+        Shape::Sphere(s) => turn.across(n).scaled(n.dot(p - s.center).signum() / s.radius),
+        _ => Covector::default(),
     }
 }

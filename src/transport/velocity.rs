@@ -26,7 +26,7 @@ fn point(scene: &Scene, sensor: &Sensor, source: Source, p: DVec3, c: &Covector,
 pub struct Velocity(Vec<(Source, DVec3, DMat3)>);
 
 /// `Mᵀ c`.
-fn transposed(m: &DMat3, c: &Covector) -> Covector {
+pub(super) fn transposed(m: &DMat3, c: &Covector) -> Covector {
     let [x, y, z] = c.0;
     Covector(std::array::from_fn(|k| {
         let col = m.col(k);

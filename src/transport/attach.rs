@@ -1,0 +1,43 @@
+//! Points of spheres beside the first vertex of a path.
+//!
+//! The film holds the first vertex x, so where a camera ray passes close to a sphere that moves, x stays behind: the score of a segment from x to a
+//! point z of the sphere grows like 1/d, and camera rays come close to spheres so often (at distance δ with density δ^1/2) that its second moment has no bound. So z,
+//! if it comes right after x, keeps to its direction from x instead of to its matter where it is near ([T] 2.3 (i)):
+//!
+//! `ż = ż_B + χ Q (ẋ - ż_B)`, `Q = 1 - w nᵀ/<n,w>`, `χ = κ(d/R)`
+//!
+//! (ż_B: as it would move otherwise). A direction's measure dω = dA c_z/d² does not change, so that segment and Jacobian together score
+//! `(1-χ)` times what they would, and `<∇χ, Q(ẋ - ż_B)>`. Only on spheres: faces end at edges, over which such points would flow.
+
+use super::field::decay;
+use super::piece::{onto, outer};
+use crate::math::{DMat3, DVec3};
+use crate::shape::Shape;
+
+/// How a point of a sphere is held to its direction from the first vertex.
+#[derive(Clone, Copy, Debug)]
+pub struct Attached {
+    /// χ.
+    pub share: f64,
+    /// `χ Q`, on `ẋ - ż_B`.
+    pub map: DMat3,
+    /// The form on `ẋ - ż_B` that χ's own change gives.
+    pub form: DVec3,
+}
+
+impl Attached {
+    /// For a point z with the normal n; `None` on other shapes and out of reach.
+    pub fn new(shape: &Shape, x: DVec3, z: DVec3, n: DVec3) -> Option<Attached> {
+        let Shape::Sphere(s) = shape else { return None };
+        let d = (z - x).length();
+        let (share, slope) = decay(d / s.radius);
+        if share <= 0.0 || d <= 0.0 {
+            return None;
+        }
+        let w = (z - x) / d;
+        let q = onto(n, w);
+        let form = q.transpose() * w * (slope / s.radius);
+        let map = q * share;
+        (map + outer(form, form)).is_finite().then_some(Attached { share, map, form })
+    }
+}

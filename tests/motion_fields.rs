@@ -1,0 +1,164 @@
+//! The velocities of medium points ([T] (57), (58), (60)): on what moves, on what stands still, their divergence against differences, and the optical depth
+//! between moving ends.
+
+mod common;
+use common::{params, scene};
+use tyndall::math::rng::Rng;
+use tyndall::math::{DVec3, Rgb};
+use tyndall::params::{Covector, Forward, ParamSet};
+use tyndall::scene::{On, Scene};
+use tyndall::transport::first::{First, Seen};
+use tyndall::transport::motion::Moving;
+use tyndall::transport::record::MediumSpan;
+use tyndall::transport::velocity::{Rate, Velocity};
+
+/// A ball and a block (turned and grown) over a floor, in a box of fog, a light in it.
+const TEXT: &str = r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="r" value="0.3"/><default name="turn" value="20"/><default name="cx" value="0"/><integrator type="volpath"/>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.7"/><float name="albedo" value="0.8"/></medium>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="$cx, 1, 5" target="0, 0.6, 0" up="0, 1, 0"/></transform></sensor>
+  <shape type="cube"><transform name="to_world"><scale value="2"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="1.5"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="sphere"><point name="center" value="$x, 0.7, 0.2"/><float name="radius" value="$r"/><bsdf type="diffuse"/></shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.2"/><rotate y="1" angle="$turn"/><translate x="-0.8" y="0.5"/></transform><bsdf type="diffuse"/></shape>
+  <emitter type="point"><point name="position" value="0.6, 1.4, 0.1"/></emitter></scene>"#;
+
+const NAMES: [&str; 4] = ["x", "r", "turn", "cx"];
+
+struct Case {
+    scene: Scene,
+    params: ParamSet,
+    moving: Moving,
+}
+
+fn case() -> Case {
+    let (desc, scene) = scene(TEXT);
+    let params = params(&desc, &scene, &NAMES);
+    let moving = Moving::new(&scene, &scene.sensors[0], &params).unwrap();
+    Case { scene, params, moving }
+}
+
+impl Case {
+    /// The vector of one parameter.
+    fn vector(&self, v: &Velocity, k: usize) -> DVec3 {
+        let along = |axis: DVec3| {
+            let mut c = Covector::default();
+            c.add(axis, Rgb::ONE);
+            let mut sink = Forward::new(&self.params);
+            v.apply(&self.scene, &self.scene.sensors[0], &c, &mut sink);
+            sink.image[k][0]
+        };
+        DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z))
+    }
+
+    fn number(&self, r: &Rate, k: usize) -> f64 {
+        let mut sink = Forward::new(&self.params);
+        r.apply(&self.scene, &self.scene.sensors[0], Rgb::ONE, &mut sink);
+        sink.image[k][0]
+    }
+
+    fn at(&self, first: &First, p: DVec3) -> (Velocity, Rate) {
+        self.moving.in_medium(&self.scene, first, p)
+    }
+
+    /// |V| is Lipschitz and its divergence is right, around `p`.
+    fn is_smooth(&self, first: &First, p: DVec3) {
+        let h = 1e-5;
+        let (_, rate) = self.at(first, p);
+        for k in 0..NAMES.len() {
+            let v = |p: DVec3| self.vector(&self.at(first, p).0, k);
+            let axis = |a: DVec3| (v(p + a * h) - v(p - a * h)).dot(a) / (2.0 * h);
+            let divergence = axis(DVec3::X) + axis(DVec3::Y) + axis(DVec3::Z);
+            let own = self.number(&rate, k);
+            assert!((divergence - own).abs() < 1e-4 * (1.0 + own.abs()), "{} at {p}: {own}, {divergence}", NAMES[k]);
+        }
+    }
+}
+
+#[test]
+fn the_field_is_what_moves_and_nothing_elsewhere() {
+    let c = case();
+    let still = First::default();
+    let on_ball = DVec3::new(0.1, 0.7, 0.2) + DVec3::new(0.6, 0.48, 0.64) * 0.3;
+    let (v, _) = c.at(&still, on_ball);
+    assert!((c.vector(&v, 0) - DVec3::X).length() < 1e-9);
+    assert!((c.vector(&v, 1) - DVec3::new(0.6, 0.48, 0.64)).length() < 1e-9);
+    assert!(c.vector(&v, 2).length() < 1e-9);
+    // Floor, border, light, far away.
+    for p in
+        [DVec3::new(0.2, 0.0, 0.1), DVec3::new(0.3, 2.0, 0.2), DVec3::new(0.6, 1.4, 0.1), DVec3::new(1.6, 1.2, -1.5)]
+    {
+        let (v, _) = c.at(&still, p);
+        (0..4).for_each(|k| assert!(c.vector(&v, k).length() < 1e-9, "{p}"));
+    }
+}
+
+#[test]
+fn divergences_are_those_of_the_field() {
+    let c = case();
+    let mut rng = Rng::keyed(3, 0, 0, 0);
+    let mut near = 0;
+    for _ in 0..200 {
+        let p = DVec3::new(0.1, 0.7, 0.2) + (DVec3::new(rng.uniform(), rng.uniform(), rng.uniform()) - 0.5) * 1.3;
+        let (v, _) = c.at(&First::default(), p);
+        near += usize::from(!v.is_zero());
+        c.is_smooth(&First::default(), p);
+    }
+    assert!(near > 50);
+}
+
+/// First vertices in the medium before a ball, a floor and a block, and on a ball: what they carry along.
+#[test]
+fn first_vertices_carry_their_motion() {
+    let c = case();
+    let line = c.moving.film_line(&c.scene);
+    let sensor = &c.scene.sensors[0];
+    let mut rng = Rng::keyed(4, 0, 0, 0);
+    let mut carried = 0;
+    for target in
+        [DVec3::new(0.15, 0.75, 0.4), DVec3::new(0.5, 0.0, 0.3), DVec3::new(-0.8, 0.5, 0.1), DVec3::new(0.3, 0.6, 0.0)]
+    {
+        let q = sensor.project(target).unwrap();
+        let enter = c.scene.intersect(q.o, q.w, f64::INFINITY, &On::default(), None).unwrap();
+        let on = On::at(&enter);
+        let hit = c.scene.intersect(enter.p, q.w, f64::INFINITY, &on, Some(0)).unwrap();
+        let span = MediumSpan::new(0, enter.p, q.w, hit.t, &on, Some(&hit));
+        for t in [0.3, 0.8, 0.97, 0.999].map(|f| f * hit.t) {
+            let p = enter.p + q.w * t;
+            let first = line.first(&Seen::Medium { p, span });
+            // At the vertex itself: its own velocity.
+            let (v, _) = c.at(&first, p + DVec3::new(1e-9, 0.0, 0.0));
+            for k in 0..4 {
+                let (own, around) = (c.vector(&first.velocity, k), c.vector(&v, k));
+                assert!((own - around).length() < 1e-5 * (1.0 + own.length()), "{} at {p}: {own} {around}", NAMES[k]);
+            }
+            // The stretch along the ray, by differences.
+            let h = 1e-6;
+            let at = |t: f64| line.first(&Seen::Medium { p: enter.p + q.w * t, span }).velocity;
+            for k in 0..4 {
+                let slope = (c.vector(&at(t + h), k) - c.vector(&at(t - h), k)).dot(q.w) / (2.0 * h);
+                let own = c.number(&first.stretch, k);
+                assert!((slope - own).abs() < 1e-5 * (1.0 + own.abs()), "{}: {own} {slope}", NAMES[k]);
+            }
+            for _ in 0..20 {
+                let y = p + (DVec3::new(rng.uniform(), rng.uniform(), rng.uniform()) - 0.5) * 0.2;
+                let inside = (y - DVec3::new(0.1, 0.7, 0.2)).length() < 0.3
+                    || y.y < 0.0
+                    || (y - DVec3::new(-0.8, 0.5, 0.0)).abs().max_element() < 0.3;
+                if !inside {
+                    carried += usize::from(first.carries());
+                    c.is_smooth(&first, y);
+                }
+            }
+            // On the surfaces around nothing leaves them: <n, ẋ> is the face's own.
+            if hit.n.dot(q.w) != 0.0 {
+                let (v, _) = c.at(&first, hit.p);
+                let slide = line.first(&Seen::Surface { hit, w: q.w }).velocity;
+                for k in 0..4 {
+                    let gap = (c.vector(&v, k) - c.vector(&slide, k)).dot(hit.n);
+                    assert!(gap.abs() < 1e-9, "{} on the face: {gap}", NAMES[k]);
+                }
+            }
+        }
+    }
+    assert!(carried > 100);
+}
