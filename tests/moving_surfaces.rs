@@ -34,7 +34,7 @@ fn ar_area_light_and_half_plane() {
         (0..n * n).map(|k| slope(at(k / n), at(k % n))).sum::<f64>() / (n * n) as f64 * 0.7 / std::f64::consts::PI;
     let r = derivatives(&text, &["x"], &["interior"], 4096);
     assert_eq!(r[0].value[0], 0.0);
-    let r = derivatives(&text, &["x"], &["all"], 1 << 18);
+    let r = derivatives(&text, &["x"], &["all"], 1 << 19);
     check("dE/dx_e", &r[0], truth, 0.01);
 }
 
