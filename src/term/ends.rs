@@ -311,8 +311,10 @@ pub fn material(scene: &Scene, shape: u32, p: DVec3, c: DVec3) -> [Partial; 4] {
     scene.shapes[shape as usize].mover.forms(p, c)
 }
 
-/// How far from an edge toward the middle of its face radiance is asked for, as a share of the way.
-const OFF_THE_EDGE: f64 = 1e-6;
+/// How far from an edge toward the middle of its face radiance is asked for, in scene radii, and as a share of the way at most. Embree's f32
+/// rays must tell the edge's other faces from this one, or they shadow it where light comes in at a small angle.
+const OFF_THE_EDGE: f64 = 1e-4;
+const OF_THE_WAY: f64 = 1e-2;
 
 /// Of faces (shape, face) on one side of an outline, the one that a ray along w sees first when it passes the point e a little off the side
 /// that n points to.
@@ -323,14 +325,18 @@ pub fn front(scene: &Scene, faces: &[(u32, u32)], e: DVec3, w: DVec3, n: DVec3) 
     };
     let &(shape, face) = faces.iter().min_by(|a, b| depth(a).total_cmp(&depth(b)))?;
     // On the very edge rays would start on its other face, too.
+    let toward = |middle: DVec3| {
+        let share = OFF_THE_EDGE * scene.bounds.radius() / (middle - e).length();
+        e.lerp(middle, share.min(OF_THE_WAY))
+    };
     let instance = &scene.shapes[shape as usize];
     let p = match &instance.shape {
         Shape::Sphere(_) => e,
         Shape::Mesh(m) => {
             let [a, b, c] = m.corners(face);
-            e.lerp((a + b + c) / 3.0, OFF_THE_EDGE)
+            toward((a + b + c) / 3.0)
         }
-        flat => e.lerp(flat.position(face, DVec2::splat(0.5)), OFF_THE_EDGE),
+        flat => toward(flat.position(face, DVec2::splat(0.5))),
     };
     Some(scene.hit_at(p, shape, face))
 }
