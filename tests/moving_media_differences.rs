@@ -11,6 +11,7 @@ fn agree(text: &str, wrt: &[(&str, f64)], spp: u64) {
 
 /// The same for chosen numbers of scatterings.
 fn agree_of(text: &str, orders: Orders, wrt: &[(&str, f64)], spp: u64) {
+    let mut wrong: Vec<String> = Vec::new();
     let names: Vec<&str> = wrt.iter().map(|w| w.0).collect();
     let ours = forward_of(text, orders, &names, &["all"], spp);
     for ((name, h), d) in wrt.iter().zip(&ours[1..]) {
@@ -19,10 +20,15 @@ fn agree_of(text: &str, orders: Orders, wrt: &[(&str, f64)], spp: u64) {
         let size = fd.value.abs().max();
         for c in 0..3 {
             let (off, se) = ((d.value[c] - fd.value[c]).abs(), fd.error[c].hypot(d.error[c]));
-            assert!(off <= 4.5 * se + 0.03 * size, "{name} channel {c}: {} vs {} +- {se}", d.value[c], fd.value[c]);
-            assert!(se <= 0.2 * size, "{name} channel {c}: standard error {se} of {size}");
+            if off > 4.5 * se + 0.03 * size {
+                wrong.push(format!("{name} channel {c}: {} vs {} +- {se}", d.value[c], fd.value[c]));
+            }
+            if se > 0.2 * size {
+                wrong.push(format!("{name} channel {c}: standard error {se} of {size}"));
+            }
         }
     }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 /// Fog around a floor, a ball, a turned block, a mesh, a panel, and a disk that stands still between them and the light.
@@ -85,7 +91,7 @@ const SPP: u64 = 1 << 17;
 
 #[test]
 fn a_ball_under_a_lamp() {
-    agree(&room(HG, LAMP, &at(0.85, 0.4)), &[("x", 0.04), ("r", 0.03)], 2 * SPP);
+    agree(&room(HG, LAMP, &at(0.85, 0.4)), &[("x", 0.04), ("r", 0.03)], SPP);
 }
 
 #[test]
@@ -106,19 +112,24 @@ fn the_shadow_of_a_ball() {
 #[test]
 fn light_that_scatters_twice_and_more() {
     let (orders, what) = (Orders { first: 2, last: 4 }, [("x", 0.04), ("r", 0.03)]);
-    agree_of(&room(HG, POINT, &at(0.95, 0.1)), orders, &what, 2 * SPP);
-    agree_of(&room(ISOTROPIC, LAMP, &at(0.85, 0.4)), orders, &[("r", 0.03)], 2 * SPP);
+    agree_of(&room(HG, POINT, &at(0.95, 0.1)), orders, &what, SPP);
+    agree_of(&room(ISOTROPIC, LAMP, &at(0.85, 0.4)), orders, &[("r", 0.03)], SPP);
 }
 
 #[test]
 fn a_block_under_a_lamp() {
-    let what = [("bx", 0.04), ("turn", 2.0), ("size", 0.015)];
-    agree(&room(ISOTROPIC, LAMP, &at(-0.25, 0.55)), &what, 2 * SPP);
+    let text = room(ISOTROPIC, LAMP, &at(-0.25, 0.55));
+    agree(&text, &[("bx", 0.04), ("turn", 2.0)], SPP);
+    // The rest has rare large scores.
+    agree_of(&text, Orders { first: 1, last: 2 }, &[("size", 0.015)], 2 * SPP);
 }
 
 #[test]
 fn a_mesh_under_a_point_light() {
-    agree(&room(HG, POINT, &at(0.35, 1.2)), &[("mesh", 0.04), ("grow", 0.03)], SPP);
+    let text = room(HG, POINT, &at(0.35, 1.2));
+    agree(&text, &[("mesh", 0.04), ("grow", 0.03)], 2 * SPP);
+    // Its creases, and nothing of what scatters more and is noisy.
+    agree_of(&text, Orders { first: 1, last: 1 }, &[("mesh", 0.04)], SPP);
 }
 
 #[test]
@@ -136,7 +147,7 @@ fn shapes_under_the_sky() {
 #[test]
 fn lamps_that_move_and_grow() {
     let what = [("lx", 0.04), ("ly", 0.04), ("lamp", 0.03), ("swing", 4.0)];
-    agree(&room(HG, LAMP, &at(0.85, 0.4)), &what, 2 * SPP);
+    agree(&room(HG, LAMP, &at(0.85, 0.4)), &what, SPP);
     // The lamp itself is seen.
     agree(&room(HG, LAMP, &at(0.6, 1.95)), &[("lx", 0.04)], SPP);
 }
@@ -144,7 +155,7 @@ fn lamps_that_move_and_grow() {
 #[test]
 fn cameras_outside() {
     let what = [("cx", 0.04), ("aim", 0.04), ("fov", 0.5)];
-    agree(&room(HG, LAMP, &at(0.35, 1.25)), &what, SPP);
+    agree(&room(HG, LAMP, &at(0.35, 1.25)), &what, 2 * SPP);
     let what = [("aim", 0.04), ("zoom", 0.01)];
     agree(&room(ISOTROPIC, POINT, ORTHOGRAPHIC), &what, SPP / 4);
 }
@@ -152,13 +163,14 @@ fn cameras_outside() {
 #[test]
 fn cameras_inside() {
     let what = [("cx", 0.04), ("aim", 0.04), ("x", 0.04)];
-    agree(&room(HG, POINT, WITHIN), &what, SPP);
+    agree(&room(HG, POINT, WITHIN), &what, 2 * SPP);
 }
 
 #[test]
 fn everything_in_a_grid() {
     let what = [("x", 0.04), ("r", 0.03), ("lx", 0.04)];
-    agree(&room(DUST, LAMP, &at(0.95, 0.2)), &what, 2 * SPP);
+    agree(&room(DUST, LAMP, &at(0.95, 0.2)), &what, SPP);
+    // The rest has rare large scores.
     let what = [("mesh", 0.04), ("aim", 0.04)];
-    agree(&room(DUST, POINT, &at(0.35, 1.25)), &what, SPP);
+    agree_of(&room(DUST, POINT, &at(0.35, 1.25)), Orders { first: 1, last: 1 }, &what, SPP);
 }
