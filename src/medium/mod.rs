@@ -23,6 +23,14 @@ impl Volume {
         }
     }
 
+    /// Its grid, if that ends at a box.
+    fn clipped(&self) -> Option<&Grid> {
+        match self {
+            Volume::Grid(g) if g.clip_box().is_some() => Some(g),
+            _ => None,
+        }
+    }
+
     /// Per channel, 1/length.
     pub fn gradient(&self, p: DVec3) -> [DVec3; 3] {
         match self {
@@ -93,12 +101,8 @@ impl Medium {
 
     /// Grids at whose boxes the medium may end: of density, albedo and emission.
     pub fn clipped_grids(&self) -> impl Iterator<Item = &Grid> {
-        let grid = |v: &'_ Volume| -> bool { matches!(v, Volume::Grid(g) if g.clip_box().is_some()) };
-        let all = [Some(&self.density), Some(&self.albedo), self.emission.as_ref()].into_iter().flatten();
-        all.filter(move |v| grid(v)).filter_map(|v| match v {
-            Volume::Grid(g) => Some(&**g),
-            Volume::Constant(_) => None,
-        })
+        let volumes = [Some(&self.density), Some(&self.albedo), self.emission.as_ref()];
+        volumes.into_iter().flatten().filter_map(Volume::clipped)
     }
 
     /// Single-scattering albedo at a world point.
