@@ -11,8 +11,9 @@
 
 use super::edge_set::{EdgeSet, SharedEdge};
 use super::ends::{self, ByOrder, Point, Watch};
-use super::sheet::{Grazed, Partials};
-use super::{Context, Motion};
+use super::light_walk::{LightWalk, Vertex, seen};
+use super::sheet::{Grazed, Partials, Reach};
+use super::{Context, Motion, Sample};
 use crate::light::LightKind;
 use crate::math::discrete::Discrete;
 use crate::math::rng::Rng;
@@ -333,6 +334,35 @@ impl Graze<'_> {
 
     pub fn near_distance(&self) -> f64 {
         self.near.as_ref().map_or(f64::INFINITY, |h| h.t)
+    }
+
+    /// What the light of `far` brings to the picture by way of S, the vertex z at this distance: straight to the camera, and through further
+    /// scatterings. `scale`: everything between the two ends, over the density of drawing S.
+    pub fn send(
+        &self,
+        cx: &mut Context,
+        reach: &Reach,
+        z: Vertex,
+        distance: f64,
+        far: &Far,
+        scale: Rgb,
+        rng: &mut Rng,
+        emit: &mut dyn FnMut(&Sample),
+    ) {
+        let near = z.hit.map_or(Point::Medium(z.p), Point::Surface);
+        let motion = |cx: &Context, watch: &Watch| self.motion(cx, &near, distance, far, watch);
+        let flux = far.light.shown(cx.set, 1) * scale;
+        if let Some(q) = cx.sensor.project(z.p).filter(|q| !flux.is_zero() && cx.on_film(q.film)) {
+            if let Some(f) = seen(cx, &z, &q, rng) {
+                let partials = motion(cx, &Watch::itself(cx, &q, &near));
+                let partials = partials.as_slice();
+                emit(&Sample { film: q.film, flux: flux * f, partials, film_per_sheet: 0.0, outward: 1.0 });
+            }
+        }
+        if cx.set.max_depth > 2 {
+            let walk = LightWalk { reach, motion: &motion, source: &far.light };
+            walk.run(cx, z, scale, rng, emit);
+        }
     }
 
     /// `-v_⊥` (25), for S at this distance, as the camera's path through S has it.

@@ -1,9 +1,9 @@
 //! Silhouettes seen from a medium: term E2 of [T] section 3, [T] (24), (25): lines that graze an edge and end at a medium point toward the camera
 //! ([`super::grazing`]). Medium points move with their field ([T] (58)), so static edges near something that moves count as well.
 
-use super::ends::{self, Point, Watch};
+use super::ends;
 use super::grazing::Edges;
-use super::light_walk::{LightWalk, Vertex, seen};
+use super::light_walk::Vertex;
 use super::sheet::Reach;
 use super::{Context, Motion, Room, Sample};
 use crate::math::rng::Rng;
@@ -47,20 +47,6 @@ impl Room for MediumEdge {
         let Some(far) = self.edges.far(cx, &g, rng).filter(|f| !f.light.is_zero()) else { return };
         let z = Vertex { p: s.p, w: -g.w(), medium: Some(s.medium), hit: None };
         let scale = s.transmittance * s.sigma_s * (g.scale / s.density);
-        let near = Point::Medium(s.p);
-        let motion = |cx: &Context, watch: &Watch| g.motion(cx, &near, s.distance, &far, watch);
-
-        let flux = far.light.shown(cx.set, 1) * scale;
-        if let Some(q) = cx.sensor.project(s.p).filter(|q| !flux.is_zero() && cx.on_film(q.film)) {
-            if let Some(f) = seen(cx, &z, &q, rng) {
-                let partials = motion(cx, &Watch::itself(cx, &q, &near));
-                let partials = partials.as_slice();
-                emit(&Sample { film: q.film, flux: flux * f, partials, film_per_sheet: 0.0, outward: 1.0 });
-            }
-        }
-        if cx.set.max_depth > 2 {
-            let walk = LightWalk { reach: &self.reach, motion: &motion, source: &far.light };
-            walk.run(cx, z, scale, rng, emit);
-        }
+        g.send(cx, &self.reach, z, s.distance, &far, scale, rng, emit);
     }
 }

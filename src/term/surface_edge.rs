@@ -1,9 +1,8 @@
 //! Silhouettes seen from surfaces: term E3 of [T] section 3, [T] (24), (25): lines that graze an edge and end on a surface toward the camera
 //! ([`super::grazing`]).
 
-use super::ends::{Point, Watch};
 use super::grazing::Edges;
-use super::light_walk::{LightWalk, Vertex, seen};
+use super::light_walk::Vertex;
 use super::sheet::Reach;
 use super::{Context, Motion, Room, Sample};
 use crate::math::rng::Rng;
@@ -50,21 +49,6 @@ impl Room for SurfaceEdge {
         }
         let Some(far) = self.edges.far(cx, &g, rng).filter(|f| !f.light.is_zero()) else { return };
         let z = Vertex { p: s.p, w: -g.w(), medium: g.near_way.last, hit: Some(s) };
-        let scale = transmittance * g.scale;
-        let near = Point::Surface(s);
-        let motion = |cx: &Context, watch: &Watch| g.motion(cx, &near, s.t, &far, watch);
-
-        let flux = far.light.shown(cx.set, 1) * scale;
-        if let Some(q) = cx.sensor.project(s.p).filter(|q| !flux.is_zero() && cx.on_film(q.film)) {
-            if let Some(f) = seen(cx, &z, &q, rng) {
-                let partials = motion(cx, &Watch::itself(cx, &q, &near));
-                let partials = partials.as_slice();
-                emit(&Sample { film: q.film, flux: flux * f, partials, film_per_sheet: 0.0, outward: 1.0 });
-            }
-        }
-        if cx.set.max_depth > 2 {
-            let walk = LightWalk { reach: &self.reach, motion: &motion, source: &far.light };
-            walk.run(cx, z, scale, rng, emit);
-        }
+        g.send(cx, &self.reach, z, s.t, &far, transmittance * g.scale, rng, emit);
     }
 }

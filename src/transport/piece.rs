@@ -36,7 +36,7 @@ pub struct Piece {
     pub to: Stop,
 }
 
-/// Relative slack within which a grid's box ends a span where the span itself ends.
+/// Slack within which a grid's box ends a span where the span itself ends, as a share of the grid's part of it.
 const SAME: f64 = 1e-9;
 
 /// A point of a line of direction w that keeps to a border of normal n instead of going with the line, whatever velocity the line has there.
@@ -62,7 +62,7 @@ impl Piece {
         if let Volume::Grid(grid) = &scene.media[medium as usize].density {
             if grid.clip_box().is_some() {
                 let (lo, hi) = grid.clip_ray(o, w, t0, t1);
-                let slack = SAME * if t1.is_finite() { t1 - t0 } else { 1.0 };
+                let slack = SAME * (hi - lo);
                 let border = |t: f64| Stop::Border(grid.border_normal(o + w * t).normalize());
                 if lo > t0 + slack {
                     (piece.t0, piece.from) = (lo, border(lo));
@@ -80,7 +80,7 @@ impl Piece {
     pub fn smooth_at(mut self, scene: &Scene, t: f64) -> Piece {
         for grid in scene.media[self.medium as usize].clipped_grids() {
             let (lo, hi) = grid.clip_ray(self.o, self.w, self.t0, self.t1);
-            let slack = SAME * if self.t1.is_finite() { self.t1 - self.t0 } else { 1.0 };
+            let slack = SAME * (hi - lo);
             for cut in [lo, hi].into_iter().filter(|_| lo < hi) {
                 let border = Stop::Border(grid.border_normal(self.o + self.w * cut).normalize());
                 if cut <= t && cut > self.t0 + slack {
