@@ -68,6 +68,9 @@ const DUST: &str = r#"<medium type="heterogeneous" id="fog"><volume name="sigma_
 const LAMP: &str = r#"<shape type="rectangle"><transform name="to_world"><scale value="$lamp"/><rotate x="1" angle="90"/><rotate z="1" angle="$swing"/><translate x="$lx" y="$ly" z="$lz"/></transform>
     <emitter type="area"><rgb name="radiance" value="9, 8, 7"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="0.2"/></bsdf></shape>"#;
 const POINT: &str = r#"<emitter type="point"><point name="position" value="$lx, $ly, $lz"/><rgb name="intensity" value="6, 5, 4"/></emitter>"#;
+/// A hard edge, inside the fog and above the picture.
+const SPOT: &str = r#"<emitter type="spot"><transform name="to_world"><rotate x="1" angle="90"/><rotate z="1" angle="$swing"/><translate x="$lx" y="$ly" z="$lz"/><translate y="0.7"/></transform>
+    <float name="cutoff_angle" value="24"/><float name="beam_width" value="24"/><rgb name="intensity" value="24, 20, 16"/></emitter>"#;
 const SKY: &str = r#"<emitter type="constant"><rgb name="radiance" value="1, 0.8, 0.7"/></emitter>"#;
 
 /// One box pixel of half a unit around a point at the depth of the things: what moves crosses its border, so that the mean does not even it out.
@@ -98,6 +101,17 @@ fn a_ball_under_a_lamp() {
 fn a_ball_under_a_point_light() {
     let what = [("x", 0.04), ("y", 0.04), ("z", 0.04)];
     agree(&room(ISOTROPIC, POINT, &at(0.85, 0.4)), &what, SPP);
+}
+
+/// Points of the fog follow it: its edge and what it lights, with the shadows of everything in the room.
+#[test]
+fn a_hard_spot_inside_the_fog() {
+    let wide = |medium| {
+        room(medium, SPOT, &at(0.85, 0.4)).replace(r#"<scale x="1.7" y="1.25" z="1.7"/>"#, r#"<scale value="3.6"/>"#)
+    };
+    agree(&wide(HG), &[("lx", 0.05), ("swing", 3.0)], 2 * SPP);
+    // What scatters once hides the rest.
+    agree_of(&wide(ISOTROPIC), Orders { first: 2, last: 3 }, &[("lx", 0.05), ("ly", 0.05)], 2 * SPP);
 }
 
 /// Only its shadow, in the fog and on the floor.

@@ -191,6 +191,9 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     let matter = m.opaque || m.area_light || m.camera && f.surfaces;
     add(matter && f.hard_profile, &[H], "what a hard-edged profile lights moves");
     add(m.profile && !f.hard_profile, &[P], "a smooth light profile changes");
+    let followed = m.local_light && f.hard_profile && f.medium && f.occluders;
+    add(followed, &[E2], "points of a medium follow a hard-edged light that stands in it");
+    add(followed && f.reflecting, &[E3], "points of a medium follow a hard-edged light that stands in it");
     let shadow = m.zero_measure_light && f.occluders;
     add(shadow && f.medium, &[G], "a light moves, occluders cast shadows in a medium");
     add(shadow && f.reflecting, &[R], "a light moves, occluders cast shadows on surfaces");

@@ -12,7 +12,7 @@ use crate::params::{ParamSet, Sink, Slot};
 use crate::scene::Scene;
 use crate::scene::parts::Filter;
 use crate::sensor::Sensor;
-use crate::term::{Context, Motion, ROOMS, Room, Sample, hard_profile, rooms};
+use crate::term::{Context, Motion, ROOMS, Room, Sample, rooms};
 use crate::transport::Tally;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -75,7 +75,6 @@ impl<'a> Rooms<'a> {
     ) -> Result<Rooms<'a>> {
         let (index, sensor) = (sensor, &scene.sensors[sensor]);
         let motion = Motion::new(scene, sensor, params)?;
-        hard_profile::refuse(scene, &motion)?;
         let filter = scene.films[index].part.filter;
         motion.check(scene, sensor, crop, filter::radius(filter))?;
         let outer = scene.outer_medium(sensor.to_world.translation, sensor.medium);

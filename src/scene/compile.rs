@@ -91,7 +91,7 @@ impl Scene {
         let mut scene = Scene {
             max_interfaces: 2 * shapes.len() + 64,
             exact_transmittance: false,
-            uniform_share: if can_move(desc)? { UNIFORM_SHARE } else { 0.0 },
+            uniform_share: 0.0,
             shapes,
             surfaces,
             media,
@@ -118,6 +118,9 @@ impl Scene {
         };
         let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();
         scene.prepare_lights(&named);
+        if can_move(desc, &scene)? {
+            scene.uniform_share = UNIFORM_SHARE;
+        }
         super::advice::advise(&mut scene, &parts);
         Ok(scene)
     }
@@ -133,12 +136,17 @@ impl Scene {
     }
 }
 
-/// Whether a parameter can move a shape or a camera.
-fn can_move(desc: &SceneDesc) -> Result<bool> {
+/// Whether a parameter can move vertices of paths: with a shape, a camera, a light that a medium follows.
+fn can_move(desc: &SceneDesc, scene: &Scene) -> Result<bool> {
     for k in 0..desc.params.len() {
         let parts = Parts::read(desc, &desc.dual(k))?;
         let moves = |(what, x): (Movable, Vec<Dual<1>>)| {
-            matches!(what, Movable::Shape(_) | Movable::Sensor(_)) && x.iter().any(|x| x.d[0] != 0.0)
+            let vertices = match what {
+                Movable::Shape(_) | Movable::Sensor(_) => true,
+                Movable::LightPosition(i) => scene.has_hard_edge_inside(i as u32),
+                _ => false,
+            };
+            vertices && x.iter().any(|x| x.d[0] != 0.0)
         };
         if parts.movable().into_iter().any(moves) {
             return Ok(true);

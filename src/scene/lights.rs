@@ -137,6 +137,12 @@ impl Scene {
         if self.embedded.total > 0.0 { self.embedded.probability(id as usize) } else { 0.0 }
     }
 
+    /// Whether the light is a spot with a hard edge that stands in a medium and lights more than what cameras see at once: the medium follows it.
+    pub fn has_hard_edge_inside(&self, id: u32) -> bool {
+        let hard = matches!(self.lights[id as usize].kind, LightKind::Spot { beam, cutoff, .. } if beam >= cutoff);
+        hard && self.embedded_selection(id) > 0.0 && self.settings.max_depth > 2
+    }
+
     pub fn has_embedded_lights(&self) -> bool {
         self.embedded.total > 0.0
     }

@@ -47,7 +47,6 @@ impl Bounds {
         self.max - self.min
     }
 
-    /// Half the diagonal.
     /// Four points in general position on a box's scale.
     pub fn probes(&self) -> [DVec3; 4] {
         let (c, r) =
@@ -55,6 +54,13 @@ impl Bounds {
         [c, c + DVec3::X * r, c + DVec3::Y * r, c + DVec3::Z * r]
     }
 
+    /// Larger by `by` on every side.
+    #[must_use]
+    pub fn grown(&self, by: f64) -> Bounds {
+        Bounds { min: self.min - by, max: self.max + by }
+    }
+
+    /// Half the diagonal.
     pub fn radius(&self) -> f64 {
         if self.is_empty() { 0.0 } else { 0.5 * self.size().length() }
     }

@@ -4,6 +4,7 @@
 
 use super::{Cube, Rectangle, Shape, TriangleMesh};
 use crate::math::DVec3;
+use rayon::slice::ParallelSliceMut;
 
 /// An edge: two ends and its faces, each with a point of the face off the edge.
 #[derive(Clone, Debug)]
@@ -39,13 +40,71 @@ impl Edge {
     }
 }
 
-/// Edges of a shape made of flat faces; none for curved ones.
-pub fn edges(shape: &Shape) -> Vec<Edge> {
+/// An edge of a mesh as one of its faces has it, from corner k to corner k + 1: 3 face + k.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Half(u32);
+
+impl Half {
+    pub const NONE: Half = Half(u32::MAX);
+
+    pub fn face(self) -> u32 {
+        self.0 / 3
+    }
+
+    /// Which of the face's corners it starts from.
+    fn first(self) -> u32 {
+        self.0 % 3
+    }
+}
+
+impl TriangleMesh {
+    fn corner_of(&self, h: Half, offset: u32) -> u32 {
+        self.faces[h.face() as usize][((h.first() + offset) % 3) as usize]
+    }
+
+    /// Both ends, that of the lower welded number first.
+    pub fn half_edge(&self, h: Half) -> (DVec3, DVec3) {
+        let (i, j) = (self.corner_of(h, 0), self.corner_of(h, 1));
+        let weld = &self.topology().weld;
+        let (i, j) = if weld[i as usize] < weld[j as usize] { (i, j) } else { (j, i) };
+        (self.vertices[i as usize], self.vertices[j as usize])
+    }
+
+    /// The corner of the face that is not on the edge.
+    pub fn opposite(&self, h: Half) -> DVec3 {
+        self.vertices[self.corner_of(h, 2) as usize]
+    }
+}
+
+/// Every edge of a mesh, as the halves that its faces have of it. Vertices are welded; faces without area have none.
+pub fn halves(m: &TriangleMesh, mut f: impl FnMut(&[Half])) {
+    let weld = &m.topology().weld;
+    let mut all: Vec<([u32; 2], Half)> = Vec::with_capacity(3 * m.faces.len());
+    for (face, corners) in m.faces.iter().enumerate() {
+        let w = corners.map(|v| weld[v as usize]);
+        if m.is_degenerate(face as u32) || w[0] == w[1] || w[1] == w[2] || w[2] == w[0] {
+            continue;
+        }
+        for k in 0..3 {
+            let (i, j) = (w[k], w[(k + 1) % 3]);
+            all.push(([i.min(j), i.max(j)], Half(3 * face as u32 + k as u32)));
+        }
+    }
+    all.par_sort_unstable();
+    let mut group = Vec::new();
+    for edge in all.chunk_by(|x, y| x.0 == y.0) {
+        group.clear();
+        group.extend(edge.iter().map(|e| e.1));
+        f(&group);
+    }
+}
+
+/// Edges of a rectangle or cube; none for other shapes.
+pub fn polygons(shape: &Shape) -> Vec<Edge> {
     match shape {
-        Shape::Mesh(m) => mesh(m),
-        Shape::Rectangle(r) => polygons(&[rectangle(r)]),
-        Shape::Cube(c) => polygons(&cube(c)),
-        Shape::Sphere(_) | Shape::Disk(_) => Vec::new(),
+        Shape::Rectangle(r) => of_polygons(&[rectangle(r)]),
+        Shape::Cube(c) => of_polygons(&cube(c)),
+        Shape::Mesh(_) | Shape::Sphere(_) | Shape::Disk(_) => Vec::new(),
     }
 }
 
@@ -66,7 +125,7 @@ fn cube(c: &Cube) -> [[DVec3; 4]; 6] {
 }
 
 /// Edges of polygons that share corners exactly.
-fn polygons(faces: &[[DVec3; 4]]) -> Vec<Edge> {
+fn of_polygons(faces: &[[DVec3; 4]]) -> Vec<Edge> {
     let mut out: Vec<Edge> = Vec::new();
     for (face, corners) in faces.iter().enumerate() {
         for k in 0..4 {
@@ -81,31 +140,6 @@ fn polygons(faces: &[[DVec3; 4]]) -> Vec<Edge> {
     out
 }
 
-fn mesh(m: &TriangleMesh) -> Vec<Edge> {
-    let weld = &m.topology().weld;
-    // (welded ends, stored ends, face, corner)
-    let mut halves: Vec<([u32; 2], [u32; 2], u32, u32)> = Vec::with_capacity(3 * m.faces.len());
-    for (face, f) in m.faces.iter().enumerate() {
-        let w = f.map(|v| weld[v as usize]);
-        if m.is_degenerate(face as u32) || w[0] == w[1] || w[1] == w[2] || w[2] == w[0] {
-            continue;
-        }
-        for k in 0..3 {
-            let (i, j) = (k, (k + 1) % 3);
-            let (i, j) = if w[i] < w[j] { (i, j) } else { (j, i) };
-            halves.push(([w[i], w[j]], [f[i], f[j]], face as u32, f[(k + 2) % 3]));
-        }
-    }
-    halves.sort_unstable();
-    let point = |v: u32| m.vertices[v as usize];
-    let edge = |group: &[([u32; 2], [u32; 2], u32, u32)]| Edge {
-        a: point(group[0].1[0]),
-        b: point(group[0].1[1]),
-        sides: group.iter().map(|h| Side { face: h.2, corner: point(h.3) }).collect(),
-    };
-    halves.chunk_by(|x, y| x.0 == y.0).map(edge).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -114,7 +148,7 @@ mod tests {
     #[test]
     fn a_cube_has_twelve_edges_and_six_silhouettes_from_a_corner() {
         let c = Shape::Cube(Cube::new(DAffine3::IDENTITY, false).unwrap());
-        let e = edges(&c);
+        let e = polygons(&c);
         assert_eq!(e.len(), 12);
         assert!(e.iter().all(|e| e.sides.len() == 2));
         let p = DVec3::new(5.0, 6.0, 7.0);
@@ -130,9 +164,14 @@ mod tests {
         // A square of two triangles as soup: the diagonal is an edge of both and never a silhouette.
         let (a, b, c, d) = (DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y);
         let m = TriangleMesh::new(vec![a, b, c, a, c, d], vec![[0, 1, 2], [3, 4, 5]], None, None).unwrap();
-        let e = edges(&Shape::Mesh(m));
-        assert_eq!(e.len(), 5);
         let p = DVec3::new(0.3, 0.4, 2.0);
-        assert_eq!(e.iter().filter(|e| e.covered_side((e.a - p).cross(e.b - p)) != 0.0).count(), 4);
+        let (mut edges, mut silhouettes) = (0, 0);
+        halves(&m, |h| {
+            let (a, b) = m.half_edge(h[0]);
+            let sides = h.iter().map(|&h| Side { face: h.face(), corner: m.opposite(h) }).collect();
+            edges += 1;
+            silhouettes += usize::from(Edge { a, b, sides }.covered_side((a - p).cross(b - p)) != 0.0);
+        });
+        assert_eq!((edges, silhouettes), (5, 4));
     }
 }

@@ -166,6 +166,21 @@ impl Stock {
     }
 }
 
+/// A parameter's comparison so far.
+struct Trial<'a> {
+    k: usize,
+    at: At<'a>,
+    side: Side,
+    rungs: Vec<Rung>,
+    difference: Difference,
+    /// The difference, and its estimated bias.
+    theirs: Stock,
+    /// A smaller step starts anew, with other seeds.
+    generation: u64,
+    suspicious: bool,
+    seconds: f64,
+}
+
 /// Everything that one check shares.
 struct Bench<'a> {
     family: &'a Family,
@@ -197,15 +212,25 @@ pub fn check(
     let blocks = Blocks::new(view.width(), view.height(), options.block);
     let bench = Bench { family, view, options, blocks, member, params, estimator, health: Health::new(), first };
     let mut ours = Stock::new(1 + wrt.len());
+    let mut trials = Vec::new();
     let mut parameters = Vec::new();
-    let mut taken = 0.0;
+    let left = || options.max_time.saturating_sub(start.elapsed());
     for (k, name) in wrt.iter().enumerate() {
         // Time is shared alike among the parameters that are left.
-        let left = options.max_time.saturating_sub(start.elapsed()) / (wrt.len() - k) as u32;
-        let p = bench.parameter(k, name, &mut ours, Instant::now() + left, say)?;
-        taken += p.spp_differences * p.pictures as f64;
-        parameters.push(p);
+        let mut trial = bench.begin(k, name, say)?;
+        parameters.push(bench.parameter(&mut trial, &mut ours, left() / (wrt.len() - k) as u32, say)?);
+        trials.push(trial);
     }
+    // What others did not need goes to those that are not sharp enough.
+    let undecided = |p: &ParameterCheck| p.verdict == Verdict::Undecided;
+    let mut rest = if wrt.len() > 1 { parameters.iter().filter(|p| undecided(p)).count() as u32 } else { 0 };
+    for k in 0..wrt.len() {
+        if rest > 0 && undecided(&parameters[k]) {
+            parameters[k] = bench.parameter(&mut trials[k], &mut ours, left() / rest, say)?;
+            rest -= 1;
+        }
+    }
+    let taken: f64 = parameters.iter().map(|p| p.spp_differences * p.pictures as f64).sum();
     let verdict = [Verdict::Fail, Verdict::Undecided].into_iter().find(|v| parameters.iter().any(|p| p.verdict == *v));
     Ok(CheckReport {
         verdict: verdict.unwrap_or(Verdict::Pass),
@@ -226,30 +251,35 @@ impl Bench<'_> {
         side.grow(&self.blocks, self.first, run)
     }
 
-    fn parameter(
-        &self,
-        k: usize,
-        name: &str,
-        ours: &mut Stock,
-        deadline: Instant,
-        say: &mut dyn FnMut(String),
-    ) -> Result<ParameterCheck> {
-        let (start, o) = (Instant::now(), self.options);
+    fn begin<'b>(&'b self, k: usize, name: &'b str, say: &mut dyn FnMut(String)) -> Result<Trial<'b>> {
+        let start = Instant::now();
         let value = self.member.desc.params[self.member.desc.wrt(name)?].value;
         let at = At { family: self.family, name, value };
         let (side, step, rungs) = self.step(&at, say)?;
-        let mut difference = Difference::extrapolated(&at, side, step)?;
-        // The difference, and its estimated bias.
-        let mut theirs = Stock::new(2);
-        // A smaller step starts anew, with other seeds.
-        let mut generation = 0;
-        let mut suspicious = false;
+        let difference = Difference::extrapolated(&at, side, step)?;
+        let seconds = start.elapsed().as_secs_f64();
+        let theirs = Stock::new(2);
+        Ok(Trial { k, at, side, rungs, difference, theirs, generation: 0, suspicious: false, seconds })
+    }
+
+    /// Go on with a parameter until it is decided or the time is over.
+    fn parameter(
+        &self,
+        trial: &mut Trial,
+        ours: &mut Stock,
+        time: Duration,
+        say: &mut dyn FnMut(String),
+    ) -> Result<ParameterCheck> {
+        let (start, o) = (Instant::now(), self.options);
+        let deadline = start + time;
+        let Trial { k, at, side, rungs, difference, theirs, generation, suspicious, seconds } = trial;
+        let (k, side, name) = (*k, *side, at.name);
         loop {
             if ours.next == 0 {
                 self.more_of_ours(ours)?;
             }
             if theirs.next == 0 {
-                self.more_of_theirs(&difference, &mut theirs, generation)?;
+                self.more_of_theirs(difference, theirs, *generation)?;
             }
             let biases = Bias::places(&theirs.blocks[1]);
             let bias = mean(biases.iter().map(|b| b.abs()));
@@ -264,8 +294,8 @@ impl Bench<'_> {
                 blocks.max_z
             ));
             let sharp = blocks.relative_error <= o.tolerance;
-            let certain = blocks.significant && suspicious;
-            let next = self.next(errors, ours, &theirs, deadline);
+            let certain = blocks.significant && *suspicious;
+            let next = self.next(errors, ours, theirs, deadline);
             let verdict = match (certain, sharp && !blocks.significant, next) {
                 (true, ..) => Some(Verdict::Fail),
                 (_, true, _) => Some(Verdict::Pass),
@@ -276,9 +306,10 @@ impl Bench<'_> {
             if let Some(verdict) = verdict {
                 let (a, b) = (&ours.pixels[k + 1], &theirs.pixels[0]);
                 let biases = Bias::places(&theirs.pixels[1]);
+                *seconds += start.elapsed().as_secs_f64();
                 return Ok(ParameterCheck {
                     name: name.into(),
-                    value,
+                    value: at.value,
                     verdict,
                     side,
                     step: difference.step,
@@ -288,20 +319,20 @@ impl Bench<'_> {
                     spp_ours: ours.spp(),
                     spp_differences: theirs.spp(),
                     pictures: difference.pictures(),
-                    seconds: start.elapsed().as_secs_f64(),
+                    seconds: *seconds,
                     blocks,
                     pixels: Agreement::new(a, b, &biases, o.tolerance),
-                    sweep: rungs,
+                    sweep: rungs.clone(),
                     images: Images { ours: a.mean.clone(), differences: b.mean.clone(), z: scores(a, b, &biases) },
                 });
             }
-            suspicious = blocks.significant;
+            *suspicious = blocks.significant;
             // A bias that no sample takes off: half the step.
             let biased = bias > 0.7 * o.tolerance * blocks.mean_abs && bias > errors[0].hypot(errors[1]);
             if biased && o.step.is_none() {
-                difference = Difference::extrapolated(&at, side, 0.5 * difference.step)?;
-                theirs = Stock::new(2);
-                generation += 1;
+                *difference = Difference::extrapolated(at, side, 0.5 * difference.step)?;
+                *theirs = Stock::new(2);
+                *generation += 1;
                 continue;
             }
             let [more_ours, more_theirs] = next.unwrap_or_default();
@@ -309,7 +340,7 @@ impl Bench<'_> {
                 self.more_of_ours(ours)?;
             }
             if more_theirs {
-                self.more_of_theirs(&difference, &mut theirs, generation)?;
+                self.more_of_theirs(difference, theirs, *generation)?;
             }
         }
     }

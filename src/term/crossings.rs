@@ -1,7 +1,6 @@
 //! Shapes that pass through each other: the curve where they meet is seen as an edge, but is none of either, and no room knows how it moves.
 
 use super::Motion;
-use super::edge_set::EdgeSet;
 use crate::math::{DVec3, warp};
 use crate::scene::Scene;
 use crate::shape::Shape;
@@ -24,9 +23,13 @@ pub fn find(scene: &Scene, motion: &Motion) -> Option<(u32, u32)> {
         (faces.iter().all(|f| f.0 != hit.shape) && concerned && hit.n.dot(w).abs() > TOUCHES)
             .then_some((owner, hit.shape))
     };
-    let edges = EdgeSet::new(scene, motion).list;
+    let edges = motion.edges(scene);
     let step = edges.len().div_ceil(EDGES).max(1);
-    let crossed = edges.iter().step_by(step).find_map(|e| through(e.faces[0].0, &e.faces, e.edge.a, e.edge.b));
+    let through_edge = |i: usize| {
+        let e = edges.get(scene, i);
+        through(e.faces[0].0, &e.faces, e.edge.a, e.edge.b)
+    };
+    let crossed = (0..edges.len()).step_by(step).find_map(through_edge);
     crossed.or_else(|| {
         scene.shapes.iter().enumerate().filter(|(_, s)| !scene.is_null(s)).find_map(|(i, s)| {
             let faces = [(i as u32, Vec::new())];

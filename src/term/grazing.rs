@@ -23,32 +23,75 @@ use crate::shape::edges::{Edge, Side};
 use crate::shape::{Geometry, Shape};
 use crate::transport::line::Line as Way;
 use crate::transport::walk::Stage;
+use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// Share of directions toward lamps, where there are any.
 const TO_LAMPS: f64 = 0.6;
 /// Weight of edges that stand still against such that move.
 const STILL: f64 = 0.25;
+/// The least that distance leaves of it: first vertices carry their motion farther than fields do.
+const FAR: f64 = 0.02;
 
-enum Element {
-    Edge(SharedEdge),
+/// What a line may graze.
+#[derive(Clone, Debug)]
+struct Element {
+    curve: Curve,
+    /// Its shapes, of meshes with their faces there.
+    grazed: Vec<(u32, Vec<u32>)>,
+}
+
+#[derive(Clone, Debug)]
+enum Curve {
+    Edge(Edge),
     Sphere {
         c: DVec3,
         r: f64,
-        grazed: Vec<(u32, Vec<u32>)>,
     },
     /// The rim of a disk, `c + x cos + y sin`.
     Rim {
         c: DVec3,
         x: DVec3,
         y: DVec3,
-        grazed: Vec<(u32, Vec<u32>)>,
     },
+}
+
+/// How much an edge may bring, by what moves: a line that grazes an edge that stands still brings something only if one of its ends moves, and
+/// ends move near shapes that do, or where the camera looks past them.
+struct Aim {
+    /// Middles and radii of what moves; `None` where the camera moves everything it sees.
+    around: Option<Vec<(DVec3, f64)>>,
+}
+
+impl Aim {
+    fn new(scene: &Scene, motion: &Motion) -> Aim {
+        let shape = |i: u32| {
+            let b = scene.shapes[i as usize].shape.bounds();
+            (b.center(), b.radius())
+        };
+        let moving = (0..scene.shapes.len() as u32).filter(|&i| motion.moves(i));
+        let around = || moving.map(shape).chain(motion.moving.field.regions()).collect();
+        Aim { around: (!motion.moving.camera).then(around) }
+    }
+
+    fn weight(&self, motion: &Motion, shape: u32, p: DVec3) -> f64 {
+        match &self.around {
+            _ if motion.moves(shape) => 1.0,
+            None => STILL,
+            Some(around) => {
+                let seen = around.iter().map(|(c, r)| r * r / (*c - p).length_squared());
+                STILL * seen.fold(FAR, f64::max).min(1.0)
+            }
+        }
+    }
 }
 
 /// Everything that lines may graze.
 pub struct Edges {
-    list: Vec<Element>,
+    set: Arc<EdgeSet>,
+    curved: Vec<Element>,
+    /// Over the edges of the set, then what is curved.
     table: Discrete,
     /// Lamps with an extent, by power.
     lamps: Discrete,
@@ -76,38 +119,37 @@ impl Edges {
         if !motion.surfaces() {
             return None;
         }
-        let mut list = Vec::new();
-        let mut weights = Vec::new();
-        let mut add = |e: Element, shape: u32, size: f64| {
-            if size > 0.0 && size.is_finite() {
-                list.push(e);
-                weights.push(size * if motion.moves(shape) { 1.0 } else { STILL });
-            }
+        let set = motion.edges(scene);
+        let aim = Aim::new(scene, motion);
+        let flat = |i: usize| {
+            let e = set.get(scene, i).edge;
+            let size = (e.b - e.a).length() * wedge(&e).1 * PI;
+            size * aim.weight(motion, set.shape(i), (e.a + e.b) * 0.5)
         };
-        for e in EdgeSet::new(scene, motion).list {
-            let size = (e.edge.b - e.edge.a).length() * wedge(&e.edge).1 * PI;
-            let shape = e.faces[0].0;
-            add(Element::Edge(e), shape, size);
-        }
+        let mut weights: Vec<f64> = (0..set.len()).into_par_iter().map(flat).collect();
+        let mut curved = Vec::new();
         for (i, s) in scene.shapes.iter().enumerate() {
             let id = i as u32;
             if scene.surfaces[s.surface as usize].is_null() {
                 continue;
             }
-            match &s.shape {
+            let (curve, grazed, size, middle) = match &s.shape {
                 Shape::Sphere(q) => {
-                    let e = Element::Sphere { c: q.center, r: q.radius, grazed: vec![(id, Vec::new())] };
-                    add(e, id, 4.0 * PI * TAU * q.radius);
+                    let curve = Curve::Sphere { c: q.center, r: q.radius };
+                    (curve, vec![(id, Vec::new())], 4.0 * PI * TAU * q.radius, q.center)
                 }
                 Shape::Disk(d) => {
                     let (x, y) = (d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y));
                     let c = d.placement.point(DVec3::ZERO);
                     let size = TAU * 0.5 * (x.length() + y.length()) * TAU * PI;
-                    add(Element::Rim { c, x, y, grazed: vec![(id, vec![0])] }, id, size);
+                    (Curve::Rim { c, x, y }, vec![(id, vec![0])], size, c)
                 }
-                _ => {}
-            }
+                _ => continue,
+            };
+            curved.push(Element { curve, grazed });
+            weights.push(size * aim.weight(motion, id, middle));
         }
+        weights.iter_mut().filter(|w| !w.is_finite()).for_each(|w| *w = 0.0);
         let power = |l: &crate::light::Light| match l.kind {
             LightKind::Area { shape } => l.value.max() * scene.shapes[shape as usize].shape.area(),
             LightKind::Envmap(_) => l.value.max() * scene.bounds.radius().powi(2),
@@ -115,7 +157,15 @@ impl Edges {
         };
         let lamps = Discrete::new(scene.lights.iter().map(power));
         let table = Discrete::new(weights);
-        (!list.is_empty()).then_some(Edges { list, table, lamps })
+        (table.total > 0.0).then_some(Edges { set, curved, table, lamps })
+    }
+
+    fn element(&self, scene: &Scene, i: usize) -> Element {
+        if i < self.set.len() {
+            let SharedEdge { edge, faces } = self.set.get(scene, i);
+            return Element { curve: Curve::Edge(edge), grazed: faces };
+        }
+        self.curved[i - self.set.len()].clone()
     }
 
     /// Probability that a direction is drawn toward the lamp.
@@ -128,31 +178,29 @@ impl Edges {
     }
 
     /// Draw a line; the densities do not hold the element's probability.
-    fn draw<'a>(&'a self, scene: &Scene, element: &'a Element, rng: &mut Rng) -> Option<(Line, Grazed<'a>)> {
+    fn draw(&self, scene: &Scene, curve: &Curve, rng: &mut Rng) -> Option<Line> {
         let lamp = if self.lamps.total > 0.0 && rng.uniform() < TO_LAMPS {
             Some(self.lamps.sample(rng.uniform()).0 as u32)
         } else {
             None
         };
         let (t, u, v) = (rng.uniform(), rng.uniform(), rng.uniform());
-        match element {
-            Element::Edge(e) => {
-                let length = (e.edge.b - e.edge.a).length();
-                let b = e.edge.a + (e.edge.b - e.edge.a) * t;
-                let line = self.line(scene, &e.edge, b, length.recip(), lamp, u, v)?;
-                Some((line, &e.faces))
+        match curve {
+            Curve::Edge(e) => {
+                let length = (e.b - e.a).length();
+                let b = e.a + (e.b - e.a) * t;
+                self.line(scene, e, b, length.recip(), lamp, u, v)
             }
-            Element::Rim { c, x, y, grazed } => {
+            Curve::Rim { c, x, y } => {
                 let (s, q) = (TAU * t).sin_cos();
                 let (b, along) = (*c + *x * q + *y * s, *y * q - *x * s);
                 let side = Side { face: 0, corner: *c };
                 let edge = Edge { a: b, b: b + along, sides: vec![side] };
-                let line = self.line(scene, &edge, b, 1.0 / (TAU * along.length()), lamp, u, v)?;
-                Some((line, grazed))
+                self.line(scene, &edge, b, 1.0 / (TAU * along.length()), lamp, u, v)
             }
-            Element::Sphere { c, r, grazed } => {
+            Curve::Sphere { c, r } => {
                 let uniform = 1.0 / (4.0 * PI * r * r * TAU);
-                let line = match lamp {
+                Some(match lamp {
                     None => {
                         let n = warp::sphere(u, v);
                         let (x, y) = warp::frame(n);
@@ -192,8 +240,7 @@ impl Edges {
                             target: Some((light, distance)),
                         }
                     }
-                };
-                Some((line, grazed))
+                })
             }
         }
     }
@@ -246,19 +293,19 @@ impl Edges {
     }
 
     /// Density with which the point of a lamp that a line met would have been drawn.
-    fn toward(&self, scene: &Scene, element: &Element, line: &Line, per_length: f64, hit: Option<&Hit>) -> (u32, f64) {
+    fn toward(&self, scene: &Scene, curve: &Curve, line: &Line, per_length: f64, hit: Option<&Hit>) -> (u32, f64) {
         let Some(h) = hit else {
             let Some(id) = scene.environment else { return (0, 0.0) };
             let pdf = scene.lights[id as usize].escape(line.w).map_or(0.0, |e| e.1);
-            return match element {
-                Element::Sphere { .. } => (id, 0.0),
+            return match curve {
+                Curve::Sphere { .. } => (id, 0.0),
                 _ => (id, pdf * per_length),
             };
         };
         let shape = &scene.shapes[h.shape as usize];
         let Some(light) = shape.light else { return (0, 0.0) };
-        let density = match element {
-            Element::Sphere { c, r, .. } => {
+        let density = match curve {
+            Curve::Sphere { c, r } => {
                 let (d, distance) = ((*c - h.p).length(), (line.b - h.p).length());
                 self.sphere_density(*r, r / d, distance, -h.n.dot(line.w), 1.0 / shape.shape.area()).unwrap_or(0.0)
             }
@@ -302,10 +349,9 @@ fn near_end(scene: &Scene, b: DVec3, w: DVec3, grazed: Grazed) -> Option<Option<
 }
 
 /// A line with what is on it.
-pub struct Graze<'a> {
+pub struct Graze {
     line: Line,
-    element: &'a Element,
-    pub grazed: Grazed<'a>,
+    element: Element,
     /// Its measure over the probability of the element.
     pub scale: f64,
     /// The surfaces at its ends, and the media up to there.
@@ -322,7 +368,11 @@ pub struct Far {
     pub distance: f64,
 }
 
-impl Graze<'_> {
+impl Graze {
+    pub fn grazed(&self) -> Grazed<'_> {
+        &self.element.grazed
+    }
+
     pub fn b(&self) -> DVec3 {
         self.line.b
     }
@@ -371,7 +421,7 @@ impl Graze<'_> {
         let (ds, dd) = (distance, far.distance);
         let (share_s, share_d) = if dd == f64::INFINITY { (1.0, 0.0) } else { (dd / (ds + dd), ds / (ds + dd)) };
         let mut p = Partials::default();
-        if let Some((shape, _)) = self.grazed.first() {
+        if let Some((shape, _)) = self.grazed().first() {
             p.extend(ends::material(cx.scene, *shape, b, -n));
         }
         ends::motion(cx, &far.at, &watch.later(), n * share_d, &mut p);
@@ -382,15 +432,12 @@ impl Graze<'_> {
 
 impl Edges {
     /// Draw a line that nothing blocks at its edge.
-    pub fn sample(&self, cx: &mut Context, rng: &mut Rng) -> Option<Graze<'_>> {
+    pub fn sample(&self, cx: &mut Context, rng: &mut Rng) -> Option<Graze> {
         let scene = cx.scene;
-        if self.table.total <= 0.0 {
-            return None;
-        }
         let (k, probability, _) = self.table.sample(rng.uniform());
-        let element = &self.list[k];
-        let (line, grazed) = self.draw(scene, element, rng)?;
-        let (b, w) = (line.b, line.w);
+        let element = self.element(scene, k);
+        let line = self.draw(scene, &element.curve, rng)?;
+        let (b, w, grazed) = (line.b, line.w, &element.grazed[..]);
         let near = near_end(scene, b, -w, grazed)?;
         let far = scene.opaque_past(b, w, f64::INFINITY, grazed);
         // The edge may stand on D.
@@ -407,7 +454,7 @@ impl Edges {
             return None;
         };
         let scale = line.measure / probability;
-        Some(Graze { line, element, grazed, scale, near, far, near_way, far_way })
+        Some(Graze { line, element, scale, near, far, near_way, far_way })
     }
 
     /// Draw the end D of a line: a point of its media, or the surface behind them.
@@ -441,11 +488,12 @@ impl Edges {
             light.scale(Rgb::splat(1.0 / (own * inside)));
             return Some(Far { light, at, distance });
         }
-        let per_length = match g.element {
-            Element::Edge(e) => (e.edge.b - e.edge.a).length().recip(),
+        let curve = &g.element.curve;
+        let per_length = match curve {
+            Curve::Edge(e) => (e.b - e.a).length().recip(),
             _ => line.own * 4.0 * PI,
         };
-        let (light, toward) = self.toward(scene, g.element, line, per_length, g.far.as_ref());
+        let (light, toward) = self.toward(scene, curve, line, per_length, g.far.as_ref());
         let own = own * (1.0 - inside);
         let both = own + self.lamp_share(light) * toward;
         let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);

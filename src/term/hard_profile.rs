@@ -1,13 +1,13 @@
 //! The hard edge of a spot's cone moves: term H of [T] section 3 ([T] 5.3, (62c)).
 //!
 //! The cone `<u,d> = cos θ |u|`, u = y - p, is a sheet like a shadow's, with nothing standing on its rays: n = (d - cos θ u/ρ) / sin θ
-//! toward the axis and `v_n = <n,ṗ> - <u,ḋ>/sin θ - ρ θ̇`.
+//! toward the axis and `v_n = <n,ṗ> - <u,ḋ>/sin θ - ρ θ̇`, less the point's own motion: in a medium that scatters more than once points near the apex
+//! go with it ([`crate::transport::field`]), so that v_n vanishes there.
 
 use super::ends::{self, Point, Watch};
 use super::sheet::{Partials, Ray, Reach};
 use super::sheet_samples::{self, Found};
 use super::{Context, LightMotion, Motion, Room, Sample};
-use crate::error::{Error, Result};
 use crate::light::{LightKind, Place};
 use crate::math::discrete::Discrete;
 use crate::math::rng::Rng;
@@ -34,24 +34,6 @@ struct Cone {
     cos: f64,
     place: Place,
     motion: LightMotion,
-}
-
-/// Beside the apex the edge's motion grows like 1/ρ and the interior's like 1/r^3; only their sum has a mean. Until both are drawn
-/// together the position of such a light is refused where it stands in a medium that scatters more than once.
-pub fn refuse(scene: &Scene, motion: &Motion) -> Result<()> {
-    for (i, (l, m)) in scene.lights.iter().zip(&motion.lights).enumerate() {
-        let hard = matches!(l.kind, LightKind::Spot { beam, cutoff, .. } if beam >= cutoff);
-        if hard && m.position && scene.embedded_selection(i as u32) > 0.0 && scene.settings.max_depth > 2 {
-            return Err(Error::usage(
-                format!(
-                    "the spot `{}` has a hard edge and stands inside a medium: its position cannot be differentiated yet",
-                    l.name
-                ),
-                "give it a beam_width below its cutoff_angle, put it outside of the medium, or set max_depth to 2",
-            ));
-        }
-    }
-    Ok(())
 }
 
 impl HardProfile {

@@ -5,22 +5,23 @@ use super::ends;
 use super::grazing::Edges;
 use super::light_walk::Vertex;
 use super::sheet::Reach;
-use super::{Context, Motion, Room, Sample};
+use super::{Context, Room, Sample};
 use crate::math::rng::Rng;
 use crate::scene::Scene;
 use crate::sensor::Sensor;
+use std::sync::Arc;
 
 pub const NAME: &str = "medium_edge";
 
 pub struct MediumEdge {
-    edges: Edges,
+    edges: Arc<Edges>,
     reach: Reach,
 }
 
 impl MediumEdge {
-    pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<MediumEdge> {
+    pub fn prepare(scene: &Scene, sensor: &Sensor, edges: &Option<Arc<Edges>>) -> Option<MediumEdge> {
         let scatters = scene.media.iter().any(|m| !m.sigma_s.is_zero());
-        let edges = scatters.then(|| Edges::new(scene, motion))??;
+        let edges = scatters.then(|| edges.clone())??;
         Some(MediumEdge { edges, reach: Reach::new(scene, sensor) })
     }
 }

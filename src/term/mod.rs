@@ -30,6 +30,8 @@ use crate::sensor::Sensor;
 use crate::shape::Shape;
 use crate::transport::Tally;
 use crate::transport::motion::Moving;
+use edge_set::EdgeSet;
+use std::sync::{Arc, OnceLock};
 
 /// One sample of a boundary term.
 #[derive(Clone, Copy, Debug)]
@@ -62,6 +64,7 @@ pub struct Motion {
     pub moving: Moving,
     /// A lamp that light passes through, where it or anything else moves.
     glowing_null: Option<String>,
+    edges: OnceLock<Arc<EdgeSet>>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -85,7 +88,13 @@ impl Motion {
             scene.is_null(s) && s.light.is_some() && (others || params.block_active(s.mover.first, Mover::SLOTS))
         };
         let glowing_null = scene.shapes.iter().find(glows).map(|s| s.name.clone());
-        Ok(Motion { lights: scene.lights.iter().map(motion).collect(), moving, glowing_null })
+        let lights = scene.lights.iter().map(motion).collect();
+        Ok(Motion { lights, moving, glowing_null, edges: OnceLock::new() })
+    }
+
+    /// Edges of everything opaque: made when someone asks first.
+    pub fn edges(&self, scene: &Scene) -> Arc<EdgeSet> {
+        self.edges.get_or_init(|| Arc::new(EdgeSet::new(scene, self))).clone()
     }
 
     /// Shapes of one class move alike.
@@ -228,11 +237,13 @@ pub fn rooms(
     if wanted(pixel_edge::NAME) {
         v.extend(pixel_edge::PixelEdge::prepare(scene, sensor, motion, margin).map(|r| Box::new(r) as Box<dyn Room>));
     }
+    let from_edges = wanted(surface_edge::NAME) || wanted(medium_edge::NAME);
+    let edges = from_edges.then(|| grazing::Edges::new(scene, motion)).flatten().map(Arc::new);
     if wanted(surface_edge::NAME) {
-        v.extend(surface_edge::SurfaceEdge::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));
+        v.extend(surface_edge::SurfaceEdge::prepare(scene, sensor, &edges).map(|r| Box::new(r) as Box<dyn Room>));
     }
     if wanted(medium_edge::NAME) {
-        v.extend(medium_edge::MediumEdge::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));
+        v.extend(medium_edge::MediumEdge::prepare(scene, sensor, &edges).map(|r| Box::new(r) as Box<dyn Room>));
     }
     v
 }

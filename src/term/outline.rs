@@ -6,7 +6,7 @@
 
 use super::Motion;
 use super::arcs::Node;
-use super::edge_set::{EdgeSet, SharedEdge};
+use super::edge_set::SharedEdge;
 use super::sheet::{Grazed, Ray};
 use crate::light::LightKind;
 use crate::math::discrete::Discrete;
@@ -98,7 +98,7 @@ impl Outlines {
         motion: &Motion,
         sensor: &Sensor,
         margin: f64,
-        keep: impl Fn(u32) -> bool,
+        keep: impl Fn(u32) -> bool + Sync,
     ) -> Option<Outlines> {
         let source = match sensor.projection {
             Projection::Perspective { .. } => Source::Point(sensor.to_world.translation),
@@ -115,7 +115,13 @@ impl Outlines {
         (!o.list.is_empty()).then_some(o)
     }
 
-    fn new(scene: &Scene, motion: &Motion, source: Source, keep: impl Fn(u32) -> bool, creases: bool) -> Outlines {
+    fn new(
+        scene: &Scene,
+        motion: &Motion,
+        source: Source,
+        keep: impl Fn(u32) -> bool + Sync,
+        creases: bool,
+    ) -> Outlines {
         let mut list = Vec::new();
         for (i, s) in scene.shapes.iter().enumerate() {
             let id = i as u32;
@@ -133,8 +139,13 @@ impl Outlines {
                 _ => {}
             }
         }
-        for e in EdgeSet::new(scene, motion).list.iter().filter(|e| e.faces.iter().any(|f| keep(f.0))) {
-            source.edge(scene, e, creases, &mut list);
+        let edges = motion.edges(scene);
+        let chosen = match creases {
+            true => (0..edges.len()).filter(|&i| keep(edges.shape(i))).collect(),
+            false => edges.silhouettes(scene, &keep, |a, b| source.across(a, b).0),
+        };
+        for i in chosen {
+            source.edge(scene, &edges.get(scene, i), creases, &mut list);
         }
         Outlines {
             light: u32::MAX,
@@ -307,14 +318,19 @@ impl Source {
         }
     }
 
-    fn edge(&self, scene: &Scene, e: &SharedEdge, creases: bool, list: &mut Vec<Outline>) {
-        let (normal, scale) = match self {
+    /// Across the plane of a straight piece and the rays to it, not unit, and the length that this is relative to.
+    fn across(&self, a: DVec3, b: DVec3) -> (DVec3, f64) {
+        match self {
             Source::Point(p) => {
-                let (a, b) = (e.edge.a - *p, e.edge.b - *p);
+                let (a, b) = (a - *p, b - *p);
                 (a.cross(b), a.length() * b.length())
             }
-            Source::Distant(d) => (d.cross(e.edge.b - e.edge.a), (e.edge.b - e.edge.a).length()),
-        };
+            Source::Distant(d) => (d.cross(b - a), (b - a).length()),
+        }
+    }
+
+    fn edge(&self, scene: &Scene, e: &SharedEdge, creases: bool, list: &mut Vec<Outline>) {
+        let (normal, scale) = self.across(e.edge.a, e.edge.b);
         let length = normal.length();
         if length.is_nan() || length <= DEGENERATE * scale {
             return;

@@ -4,26 +4,27 @@
 use super::grazing::Edges;
 use super::light_walk::Vertex;
 use super::sheet::Reach;
-use super::{Context, Motion, Room, Sample};
+use super::{Context, Room, Sample};
 use crate::math::rng::Rng;
 use crate::scene::{Instance, Scene};
 use crate::sensor::Sensor;
 use crate::surface::Surface;
+use std::sync::Arc;
 
 pub const NAME: &str = "surface_edge";
 
 pub struct SurfaceEdge {
-    edges: Edges,
+    edges: Arc<Edges>,
     reach: Reach,
 }
 
 impl SurfaceEdge {
-    pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<SurfaceEdge> {
+    pub fn prepare(scene: &Scene, sensor: &Sensor, edges: &Option<Arc<Edges>>) -> Option<SurfaceEdge> {
         let reflects = |s: &Instance| match &scene.surfaces[s.surface as usize] {
             Surface::Diffuse { reflectance, .. } => !reflectance.is_zero(),
             Surface::Null => false,
         };
-        let edges = scene.shapes.iter().any(reflects).then(|| Edges::new(scene, motion))??;
+        let edges = scene.shapes.iter().any(reflects).then(|| edges.clone())??;
         Some(SurfaceEdge { edges, reach: Reach::new(scene, sensor) })
     }
 }

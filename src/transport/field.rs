@@ -8,6 +8,9 @@
 //! opaque shapes, borders of media, lights that stand in them. On the class V is its own velocity, on all else 0, so that no face or border is
 //! swept (terms D and N do not arise) and scores of segments stay bounded. Where the class touches something else V
 //! has no limit but a bound, and its derivative grows like one over the distance, which is integrable.
+//!
+//! A light may be followed likewise: `V = κ(δ/R) ṗ` within the distance R to what stands nearest. A hard-edged spot in a medium needs that: beside its
+//! apex its edge and the interior diverge one by one if points stay still.
 
 use super::velocity::{Rate, Source, Velocity};
 use crate::error::Result;
@@ -58,6 +61,15 @@ pub fn decay(t: f64) -> (f64, f64) {
     (s * s, -4.0 * t * s)
 }
 
+/// A light that the medium around it follows.
+#[derive(Clone, Copy, Debug)]
+struct Follower {
+    light: u32,
+    p: DVec3,
+    /// Up to what stands nearest.
+    reach: f64,
+}
+
 /// Shapes that move alike.
 #[derive(Clone)]
 struct Class {
@@ -99,6 +111,7 @@ impl Class {
 pub struct Field {
     class_of: Vec<Option<u32>>,
     classes: Vec<Class>,
+    followed: Vec<Follower>,
     /// Whether the scene has media at all.
     media: bool,
     /// Lights that stand in media.
@@ -109,14 +122,15 @@ pub struct Field {
 
 /// A class's part of the field at a point.
 struct Pull {
-    shape: u32,
+    source: Source,
     /// ψ and its gradient.
     weight: f64,
     slope: DVec3,
 }
 
 impl Field {
-    pub fn new(scene: &Scene, class_of: Vec<Option<u32>>) -> Result<Field> {
+    /// `followed`: lights that move and take the medium around them along.
+    pub fn new(scene: &Scene, class_of: Vec<Option<u32>>, followed: &[u32]) -> Result<Field> {
         let media = !scene.media.is_empty();
         let count = class_of.iter().flatten().max().map_or(0, |m| m + 1);
         let class = |id: u32| Class::new(scene, &|i| class_of[i as usize] == Some(id));
@@ -126,7 +140,22 @@ impl Field {
         let lights = lights.filter_map(|i| scene.lights[i as usize].center()).collect();
         let grids = scene.media.iter().flat_map(|m| m.clipped_grids());
         let boxes = grids.filter_map(|g| Cube::new(g.clip_box()?, false).ok()).collect();
-        Ok(Field { class_of, classes, media, lights, boxes })
+        let mut field = Field { class_of, classes, followed: Vec::new(), media, lights, boxes };
+        let follower = |&light: &u32| {
+            let p = scene.lights[light as usize].center()?;
+            let others = field.lights.iter().copied().filter(|q| *q != p).collect();
+            let free = Field { lights: others, ..field.clone() }.clearance(scene, p, None);
+            let size = if scene.bounds.radius() > 0.0 { scene.bounds.radius() } else { 1.0 };
+            Some(Follower { light, p, reach: free.min(size) })
+        };
+        field.followed = followed.iter().filter_map(follower).collect();
+        Ok(field)
+    }
+
+    /// Middle and radius of the parts of space whose points may move.
+    pub fn regions(&self) -> impl Iterator<Item = (DVec3, f64)> + '_ {
+        let shapes = self.classes.iter().map(|c| (c.bounds.center(), c.bounds.radius() + c.reach));
+        shapes.chain(self.followed.iter().map(|f| (f.p, f.reach)))
     }
 
     /// Whether medium points have to follow anything.
@@ -172,7 +201,16 @@ impl Field {
             // share = 1 - d²/sum: by d, and by s.
             let (by_d, by_s) = (-2.0 * d * s * s / (sum * sum), 2.0 * s * d * d / (sum * sum));
             let slope = toward * (slope / class.reach * share + k * by_d) + away * (k * by_s);
-            pulls.push(Pull { shape: near.shape, weight: k * share, slope });
+            pulls.push(Pull { source: Source::Shape(near.shape), weight: k * share, slope });
+        }
+        for f in &self.followed {
+            let off = y - f.p;
+            let d = off.length();
+            if d < f.reach {
+                let (k, slope) = decay(d / f.reach);
+                let toward = if d > 0.0 { off / d } else { DVec3::ZERO };
+                pulls.push(Pull { source: Source::Light(f.light), weight: k, slope: toward * (slope / f.reach) });
+            }
         }
         pulls
     }
@@ -181,9 +219,11 @@ impl Field {
     pub fn at(&self, scene: &Scene, y: DVec3) -> (Velocity, Rate) {
         let (mut v, mut rate) = (Velocity::default(), Rate::default());
         for pull in self.pulls(scene, y) {
-            let own = Velocity::of(Source::Shape(pull.shape), y);
+            let own = Velocity::of(pull.source, y);
             rate.add(&own, pull.slope);
-            rate.add_divergence(pull.shape, pull.weight);
+            if let Source::Shape(k) = pull.source {
+                rate.add_divergence(k, pull.weight);
+            }
             v = v.plus(1.0, &own.mapped(DMat3::from_diagonal(DVec3::splat(pull.weight))));
         }
         (v, rate)

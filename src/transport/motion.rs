@@ -33,18 +33,26 @@ pub struct Moving {
     pub field: Field,
     pub camera: bool,
     any: bool,
+    /// Lights that the medium around them follows.
+    followed: Vec<u32>,
 }
 
 impl Moving {
     pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Result<Moving> {
         let classes = classes(scene, params);
         let camera = sensor.moves(params);
-        let any = camera || classes.iter().any(Option::is_some);
-        Ok(Moving { any, field: Field::new(scene, classes)?, camera })
+        let followed: Vec<u32> = (0..scene.lights.len() as u32).filter(|&i| follows(scene, params, i)).collect();
+        let any = camera || !followed.is_empty() || classes.iter().any(Option::is_some);
+        Ok(Moving { any, field: Field::new(scene, classes, &followed)?, camera, followed })
     }
 
     pub fn any(&self) -> bool {
         self.any
+    }
+
+    /// Whether the medium follows this light: its position is then scored as that of a vertex, not by [`super::aim`].
+    pub fn follows(&self, light: u32) -> bool {
+        self.followed.contains(&light)
     }
 
     pub fn moves(&self, shape: u32) -> bool {
@@ -70,6 +78,12 @@ impl Moving {
     }
 }
 
+/// A spot with a hard edge that moves its position inside a medium: beside its apex edge and interior have a mean together only, unless the points
+/// there go with it. Light that scatters once reaches the apex by camera rays alone, and what they see is refused.
+fn follows(scene: &Scene, params: &ParamSet, light: u32) -> bool {
+    scene.has_hard_edge_inside(light) && params.block_active(scene.lights[light as usize].place.position, 3)
+}
+
 /// The far end of a segment.
 #[derive(Clone, Debug)]
 enum Tip {
@@ -77,7 +91,7 @@ enum Tip {
     Surface { shape: u32, p: DVec3, n: DVec3, carried: Velocity, spread: Rate, at: Covector, turn: Covector },
     /// A medium point; `turned`: on how the segment's direction turns there.
     Medium { p: DVec3, velocity: Velocity, turned: Covector },
-    /// A light with a position and no extent, which stands still here: its own motion is [`super::aim`]'s.
+    /// A light with a position and no extent; where the medium does not follow it, its own motion is [`super::aim`]'s.
     Point(u32),
     /// A direction, unit.
     Infinity(DVec3),
@@ -389,6 +403,9 @@ impl<'a> Vertex<'a> {
                     scene.shapes[*shape as usize].mover.area(*n, counts, cx.sink);
                 }
                 spread.apply(scene, cx.sensor, counts, cx.sink);
+            }
+            Tip::Point(light) if cx.moving.follows(*light) => {
+                Velocity::of(Source::Light(*light), p).apply(scene, cx.sensor, &far, cx.sink);
             }
             Tip::Point(_) | Tip::Infinity(_) => {}
         }

@@ -107,16 +107,17 @@ impl SweepFacts {
             .map(|s| matches!(s, Surface::Diffuse { slot, .. } if params.block_active(*slot, 3)))
             .collect();
         let any_source = media.iter().any(|m| m.source) || surfaces.iter().any(|&s| s);
-        let mut moving: u32 = 0;
-        let bit = |l: &crate::light::Light| {
-            if !l.place.moves(params) {
+        let (moving, borders) = (Moving::new(scene, sensor, params)?, Borders::new(scene, params));
+        let mut count: u32 = 0;
+        let bit = |(i, l): (usize, &crate::light::Light)| {
+            // A hard edge leaves nothing else of the light to the interior.
+            if !l.place.moves(params) || moving.follows(i as u32) {
                 return 0;
             }
-            moving += 1;
-            1u64.checked_shl(moving - 1).unwrap_or(0)
+            count += 1;
+            1u64.checked_shl(count - 1).unwrap_or(0)
         };
-        let lights = scene.lights.iter().map(bit).collect();
-        let (moving, borders) = (Moving::new(scene, sensor, params)?, Borders::new(scene, params));
+        let lights = scene.lights.iter().enumerate().map(bit).collect();
         let any_source = any_source || borders.any();
         Ok(SweepFacts { media, surfaces, lights, any_source, moving, borders })
     }

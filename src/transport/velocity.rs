@@ -1,7 +1,7 @@
 //! How a point moves: linear in the motions of shapes and camera, and kept as such, so that forward and reverse mode read the same numbers.
 
 use crate::math::{DMat3, DVec3, Rgb};
-use crate::params::{Covector, Partial, Sink};
+use crate::params::{Covector, Partial, Sink, Slot};
 use crate::scene::Scene;
 use crate::sensor::Sensor;
 
@@ -9,6 +9,8 @@ use crate::sensor::Sensor;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     Shape(u32),
+    /// The position of a light that the medium around it follows.
+    Light(u32),
     /// As part of its film point's ray.
     Camera,
 }
@@ -17,6 +19,10 @@ pub enum Source {
 fn point(scene: &Scene, sensor: &Sensor, source: Source, p: DVec3, c: &Covector, sink: &mut impl Sink) {
     match source {
         Source::Shape(k) => scene.shapes[k as usize].mover.point(p, c, sink),
+        Source::Light(k) => {
+            let first = scene.lights[k as usize].place.position;
+            (0..3).for_each(|i| sink.add(first + i as Slot, c.0[i]));
+        }
         Source::Camera => sensor.point(p, c, sink),
     }
 }
@@ -72,6 +78,7 @@ impl Velocity {
             let c = m.transpose() * c;
             match source {
                 Source::Shape(k) => scene.shapes[*k as usize].mover.forms(*p, c).into_iter().for_each(&mut out),
+                Source::Light(k) => out(Partial { slot: scene.lights[*k as usize].place.position, v: c, len: 3 }),
                 Source::Camera => sensor.forms(*p, c).into_iter().for_each(&mut out),
             }
         }
