@@ -45,7 +45,7 @@ pub fn edges(shape: &Shape) -> Vec<Edge> {
         Shape::Mesh(m) => mesh(m),
         Shape::Rectangle(r) => polygons(&[rectangle(r)]),
         Shape::Cube(c) => polygons(&cube(c)),
-        Shape::Sphere(_) | Shape::Disk(_) => Vec::new(),
+        Shape::Sphere(_) | Shape::Disk(_) | Shape::Cylinder(_) => Vec::new(),
     }
 }
 
