@@ -13,7 +13,7 @@ use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
 use crate::params::{Mover, Owner, ParamSet, Quantity, SlotTable};
 use crate::phase::Phase;
 use crate::sensor::{Projection, Sensor};
-use crate::shape::{Bounds, Cube, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, obj, ply};
+use crate::shape::{Bounds, Cube, Cylinder, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, obj, ply};
 use crate::surface::Surface;
 use std::path::Path;
 use std::sync::Arc;
@@ -189,6 +189,11 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
         ShapeKind::Rectangle => Shape::Rectangle(Rectangle::new(to_world, s.flip_normals).map_err(fail)?),
         ShapeKind::Cube => Shape::Cube(Cube::new(to_world, s.flip_normals).map_err(fail)?),
         ShapeKind::Disk => Shape::Disk(Disk::new(to_world, s.flip_normals).map_err(fail)?),
+        ShapeKind::Cylinder { .. } => {
+            let remedy = "scale alike across its axis (along it as you like), or use a mesh";
+            let fail = |what: String| Error::scene(&s.span, what, remedy);
+            Shape::Cylinder(Cylinder::new(s.placed().affine(), s.flip_normals).map_err(fail)?)
+        }
     };
     let boundary = s.interior.is_some() || s.exterior.is_some();
     let opaque = !matches!(parts.surfaces[s.surface], SurfacePart::Null);

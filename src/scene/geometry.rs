@@ -249,6 +249,7 @@ impl Scene {
         // Put the point on the surface where that is exact.
         let p = match s {
             Shape::Sphere(sphere) => sphere.snap(p),
+            Shape::Cylinder(cylinder) => cylinder.snap(p),
             _ => p,
         };
         let n = s.normal(face, p);
@@ -282,11 +283,27 @@ impl Scene {
         Some(self.hit(t, o + w * t, shape, face))
     }
 
-    /// The nearest opaque surface along a ray that grazes an outline: of meshes the named faces, of any other shape all of it is left out.
-    /// The origin may lie on other things: a surface within rounding of it counts.
+    /// What a ray meets of cylinders that it passes at a named rim: their walls elsewhere.
+    fn walls_past_rims(
+        &self,
+        o: DVec3,
+        w: DVec3,
+        range: [f64; 2],
+        past: &[(u32, Vec<u32>)],
+    ) -> Option<(f64, u32, u32)> {
+        let slack = self.tolerance(o);
+        let wall = |(id, rims): &(u32, Vec<u32>)| match &self.shapes[*id as usize].shape {
+            Shape::Cylinder(c) if !rims.is_empty() => Some((c.cross_past_rims(o, w, range, rims, slack)?, *id, 0)),
+            _ => None,
+        };
+        past.iter().filter_map(wall).min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// The nearest opaque surface along a ray that grazes an outline: of meshes the named faces, of cylinders the named rims, of any other
+    /// shape all of it is left out. The origin may lie on other things: a surface within rounding of it counts.
     pub fn opaque_past(&self, o: DVec3, w: DVec3, t_max: f64, past: &[(u32, Vec<u32>)]) -> Option<Hit> {
         let tolerance = self.tolerance(o);
-        let mut best: Option<(f64, u32, u32)> = None;
+        let mut best = self.walls_past_rims(o, w, [-tolerance, t_max], past);
         for &id in self.opaque.simple.iter().filter(|&&id| past.iter().all(|p| p.0 != id)) {
             let limit = best.map_or(t_max, |b| b.0);
             if let Some(h) = self.shapes[id as usize].shape.intersect(o, w, -tolerance, limit, None) {
@@ -309,7 +326,8 @@ impl Scene {
     pub fn blocked_past(&self, o: DVec3, w: DVec3, t_max: f64, past: &[(u32, Vec<u32>)]) -> bool {
         let tolerance = self.tolerance(o);
         let simple = |id: u32| self.shapes[id as usize].shape.intersect(o, w, tolerance, t_max, None).is_some();
-        self.opaque.simple.iter().any(|&id| past.iter().all(|p| p.0 != id) && simple(id))
+        self.walls_past_rims(o, w, [tolerance, t_max], past).is_some()
+            || self.opaque.simple.iter().any(|&id| past.iter().all(|p| p.0 != id) && simple(id))
             || self.opaque.bvh.as_ref().is_some_and(|bvh| {
                 let ray = Ray { o: o + w * tolerance, d: w, t_max: t_max - tolerance, exclude: None };
                 bvh.occluded_past(&ray, &self.opaque.grazed(past))

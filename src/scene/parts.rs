@@ -6,7 +6,7 @@
 use super::desc::{Env, Node, SceneDesc};
 use super::transform::Mat4;
 use crate::error::{Error, Result, Span};
-use crate::math::{DMat4, DVec3, Real, V3};
+use crate::math::{DMat4, DVec3, Real, V3, warp};
 use crate::params::{Owner, Quantity};
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -33,6 +33,7 @@ pub enum ShapeKind<R> {
     Rectangle,
     Cube,
     Disk,
+    Cylinder { p0: V3<R>, p1: V3<R>, radius: R },
 }
 
 impl<R: Real> ShapePart<R> {
@@ -40,14 +41,26 @@ impl<R: Real> ShapePart<R> {
     pub fn pivot(&self) -> DVec3 {
         match &self.kind {
             ShapeKind::Sphere { center, .. } => self.to_world.affine().transform_point3(center.value()),
-            _ => self.to_world.affine().translation,
+            _ => self.placed().affine().translation,
         }
+    }
+
+    /// Where its own unit shape goes: of a cylinder the tube `x^2 + y^2 = 1`, `0 <= z <= 1`.
+    ///
+    /// As the ends p0, p1 of a cylinder move, the tube turns with them as little as it can and keeps its radius: an affine motion too.
+    pub fn placed(&self) -> Mat4<R> {
+        let ShapeKind::Cylinder { p0, p1, radius } = &self.kind else { return self.to_world };
+        let along = *p1 - *p0;
+        let axis = along.normalize();
+        let x = V3::constant(warp::frame(axis.value()).0);
+        let x = (x - axis * axis.dot(x)).normalize();
+        self.to_world * Mat4::from_columns(x * *radius, axis.cross(x) * *radius, along, *p0)
     }
 
     /// Displacement of the pivot and linear part of the map from where the shape is to where it goes: 0 and 1, with their tangents.
     /// A sphere's turning is left out: it moves nothing.
     fn motion(&self) -> (V3<R>, Vec<R>) {
-        let ShapeKind::Sphere { center, radius } = &self.kind else { return affine_motion(&self.to_world) };
+        let ShapeKind::Sphere { center, radius } = &self.kind else { return affine_motion(&self.placed()) };
         let (x, y, z) = (self.to_world.column(0), self.to_world.column(1), self.to_world.column(2));
         let volume = x.dot(y.cross(z));
         let volume = if volume.value() < 0.0 { -volume } else { volume };
@@ -291,6 +304,9 @@ impl<R: Real> Parts<R> {
             let mut x = flat(&s.to_world);
             if let ShapeKind::Sphere { center, radius } = &s.kind {
                 x.extend([center.x, center.y, center.z, *radius]);
+            }
+            if let ShapeKind::Cylinder { p0, p1, radius } = &s.kind {
+                x.extend([p0.x, p0.y, p0.z, p1.x, p1.y, p1.z, *radius]);
             }
             v.push((Movable::Shape(i), x));
         }

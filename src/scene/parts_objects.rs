@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::math::{DVec3, Real, V3};
 use std::path::PathBuf;
 
-const SHAPES: [&str; 6] = ["obj", "ply", "rectangle", "cube", "disk", "sphere"];
+const SHAPES: [&str; 7] = ["obj", "ply", "rectangle", "cube", "disk", "sphere", "cylinder"];
 const BSDFS: [&str; 3] = ["diffuse", "null", "twosided"];
 const EMITTERS: [&str; 6] = ["area", "point", "spot", "directional", "constant", "envmap"];
 const MEDIA: [&str; 2] = ["homogeneous", "heterogeneous"];
@@ -34,10 +34,13 @@ impl<R: Real> Reader<'_, R> {
             "cube" => ShapeKind::Cube,
             "disk" => ShapeKind::Disk,
             "sphere" => {
-                let radius: R = n.float(self.env, "radius", 1.0)?;
-                let value = radius.value();
-                require(n, "radius", value > 0.0, format!("radius is {value}"), "use a radius > 0")?;
-                ShapeKind::Sphere { center: n.point(self.env, "center", DVec3::ZERO)?, radius }
+                ShapeKind::Sphere { center: n.point(self.env, "center", DVec3::ZERO)?, radius: self.radius(n)? }
+            }
+            "cylinder" => {
+                let (p0, p1) = (n.point(self.env, "p0", DVec3::ZERO)?, n.point(self.env, "p1", DVec3::Z)?);
+                let apart = (p1.value() - p0.value()).length() > 0.0;
+                require(n, "p1", apart, "p0 and p1 are the same point".into(), "give the cylinder a length")?;
+                ShapeKind::Cylinder { p0, p1, radius: self.radius(n)? }
             }
             _ => return Err(n.unknown_plugin(&SHAPES)),
         };
@@ -79,6 +82,13 @@ impl<R: Real> Reader<'_, R> {
             self.parts.shapes[index].light = Some(self.parts.lights.len() - 1);
         }
         Ok(())
+    }
+
+    fn radius(&self, n: &Node) -> Result<R> {
+        let radius: R = n.float(self.env, "radius", 1.0)?;
+        let value = radius.value();
+        require(n, "radius", value > 0.0, format!("radius is {value}"), "use a radius > 0")?;
+        Ok(radius)
     }
 
     pub(super) fn bsdf(&mut self, n: &Node, two_sided: bool) -> Result<SurfacePart<R>> {

@@ -104,7 +104,7 @@ pub fn polygons(shape: &Shape) -> Vec<Edge> {
     match shape {
         Shape::Rectangle(r) => of_polygons(&[rectangle(r)]),
         Shape::Cube(c) => of_polygons(&cube(c)),
-        Shape::Mesh(_) | Shape::Sphere(_) | Shape::Disk(_) => Vec::new(),
+        Shape::Mesh(_) | Shape::Sphere(_) | Shape::Disk(_) | Shape::Cylinder(_) => Vec::new(),
     }
 }
 

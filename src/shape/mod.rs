@@ -6,6 +6,7 @@
 
 pub mod bounds;
 pub mod cube;
+pub mod cylinder;
 pub mod disk;
 pub mod edges;
 pub mod mesh;
@@ -19,6 +20,7 @@ pub mod topology;
 
 pub use bounds::Bounds;
 pub use cube::Cube;
+pub use cylinder::Cylinder;
 pub use disk::Disk;
 pub use mesh::TriangleMesh;
 pub use placement::Placement;
@@ -64,11 +66,11 @@ pub trait Geometry {
 
     fn area(&self) -> f64;
 
-    /// Does the surface bound a volume? Rectangles and disks do not.
+    /// Does the surface bound a volume? Rectangles, disks and cylinders do not.
     fn is_closed(&self) -> bool;
 
     /// Nearest crossing with `t` in `(t_min, t_max]`. With `start`, the root at the origin is left out: the whole face of
-    /// a plane shape, the root at 0 of a sphere. A ray that starts on a convex shape and points inward always finds its
+    /// a plane shape, the root at 0 of a sphere or cylinder. A ray that starts on a convex shape and points inward always finds its
     /// exit, at `t > 0`.
     fn intersect(&self, o: DVec3, w: DVec3, t_min: f64, t_max: f64, start: Option<Start>) -> Option<ShapeHit>;
 
@@ -124,6 +126,8 @@ pub enum Shape {
     Disk(Disk),
     /// `[-1,1]^3`, normals outward.
     Cube(Cube),
+    /// The wall between two rims, without caps; `to_world` may stretch it along its axis, but not make it elliptic.
+    Cylinder(Cylinder),
 }
 
 /// The same call on whatever the shape is: a jump, and inlined where it is hot, not a call through a table.
@@ -135,6 +139,7 @@ macro_rules! each {
             Shape::Rectangle($s) => $call,
             Shape::Disk($s) => $call,
             Shape::Cube($s) => $call,
+            Shape::Cylinder($s) => $call,
         }
     };
 }

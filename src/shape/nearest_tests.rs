@@ -63,7 +63,7 @@ fn the_nearest_point_is_on_the_shape_and_no_sample_is_nearer() {
 #[test]
 fn nothing_of_a_convex_face_lies_beyond_its_nearest_point() {
     let mut r = rng(31);
-    for (s, size) in placed(&mut r).into_iter().filter(|(s, _)| !matches!(s, Shape::Sphere(_))) {
+    for (s, size) in placed(&mut r).into_iter().filter(|(s, _)| !matches!(s, Shape::Sphere(_) | Shape::Cylinder(_))) {
         let rounding = rounding(&s, size);
         for _ in 0..50 {
             let p = around(&mut r, &s, size);
@@ -118,6 +118,16 @@ fn spheres_from_inside_outside_and_their_centre() {
     let near = |x: f64| s.nearest(s.center + DVec3::Y * x).0 - s.center;
     assert_eq!([near(5.0), near(0.5), near(-0.5_f64.powi(30))], [DVec3::Y * 2.0, DVec3::Y * 2.0, DVec3::Y * -2.0]);
     assert_eq!(near(0.0).length(), 2.0);
+}
+
+#[test]
+fn cylinders_from_inside_outside_beyond_a_rim_and_their_axis() {
+    let s = Cylinder::new(DAffine3::from_scale(DVec3::new(2.0, 2.0, 3.0)), true).unwrap();
+    let near = |x: f64, z: f64| s.nearest(DVec3::new(0.0, x, z)).0;
+    let is = |p: DVec3, y: f64, z: f64| p.distance(DVec3::new(0.0, y, z)) < 1e-14;
+    assert!(is(near(5.0, 1.0), 2.0, 1.0) && is(near(-0.5, 1.0), -2.0, 1.0));
+    assert!(is(near(0.5, 7.0), 2.0, 3.0) && is(near(4.0, -1.0), 2.0, 0.0));
+    assert!((near(0.0, 1.0).truncate().length() - 2.0).abs() < 1e-14);
 }
 
 #[test]

@@ -41,7 +41,14 @@ pub(super) fn all_shapes(m: DAffine3, similar: DAffine3) -> Vec<Shape> {
         Shape::Cube(Cube::new(m, false).unwrap()),
         Shape::Sphere(Sphere::new(DVec3::new(0.1, 0.2, -0.3), 0.7, similar, false).unwrap()),
         Shape::Mesh(cube_mesh(m)),
+        Shape::Cylinder(tube(similar)),
     ]
+}
+
+/// Longer than wide.
+fn tube(similar: DAffine3) -> Cylinder {
+    let place = DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::new(0.4, 0.4, 1.1)), DVec3::Y * 0.3);
+    Cylinder::new(similar * place, false).unwrap()
 }
 
 /// The cube as twelve triangles.
@@ -74,6 +81,7 @@ fn cell(s: &Shape, face: u32, p: DVec3) -> usize {
     match s {
         Shape::Rectangle(_) | Shape::Cube(_) => 16 * face as usize + grid(uv.x, uv.y),
         Shape::Disk(_) => grid(uv.x * uv.x, uv.y),
+        Shape::Cylinder(_) => grid(uv.x, uv.y),
         Shape::Sphere(_) => grid(0.5 - 0.5 * (PI * uv.y).cos(), uv.x),
         // Four triangles by the midpoints of the sides.
         Shape::Mesh(_) => {
@@ -399,4 +407,186 @@ fn sampling_from_inside_covers_all_directions() {
         m.push(1.0 / d.pdf_solid_angle);
     }
     assert!((m.mean - 2.0 * TAU).abs() < 5.0 * m.standard_error());
+}
+
+/// The wall of a tube as a prism: inside of it everywhere, by 1 - cos(pi/n) of the radius at most.
+#[test]
+fn cylinder_hits_agree_with_a_prism_of_many_faces() {
+    let n = 720;
+    let prism = |m: DAffine3| {
+        let at = |k: usize, z: f64| {
+            let (s, c) = (TAU * k as f64 / n as f64).sin_cos();
+            m.transform_point3(DVec3::new(c, s, z))
+        };
+        let vertices = (0..n).flat_map(|k| [at(k, 0.0), at(k, 1.0)]).collect();
+        let face = |k: usize| {
+            let [a, b, c, d] = [2 * k, 2 * k + 1, 2 * ((k + 1) % n), 2 * ((k + 1) % n) + 1].map(|v| v as u32);
+            [[a, c, d], [a, d, b]]
+        };
+        TriangleMesh::new(vertices, (0..n).flat_map(face).collect(), None, None).unwrap()
+    };
+    let mut r = rng(11);
+    let (mut hits, mut near) = (0, 0);
+    for _ in 0..4 {
+        let m = similarity(&mut r, 0.7, 2.0) * DAffine3::from_scale(DVec3::new(1.0, 1.0, 1.5));
+        let (tube, prism) = (Cylinder::new(m, false).unwrap(), prism(m));
+        let b = tube.bounds();
+        for _ in 0..1500 {
+            let o = b.center() + point(&mut r, 2.0);
+            let w = (b.center() + point(&mut r, 1.0) - o).normalize();
+            let (a, p) = (tube.intersect(o, w, 0.0, 9.0, None), prism.intersect(o, w, 0.0, 9.0, None));
+            match (a, p) {
+                (Some(a), Some(p)) if (a.t - p.t).abs() < 1e-2 => {
+                    let (q, cos) = (o + a.t * w, tube.normal(0, o + a.t * w).dot(w).abs());
+                    assert!((a.t - p.t).abs() * cos < 2e-5, "{a:?} {p:?}");
+                    assert!((tube.position(0, a.uv) - q).length() < 1e-12 && (tube.snap(q) - q).length() < 1e-13);
+                    assert!((tube.normal(0, q) - prism.normal(p.face, q)).length() < 1e-2);
+                    hits += 1;
+                }
+                (None, None) => {}
+                // Past an outline on one side of it.
+                _ => near += 1,
+            }
+        }
+    }
+    assert!(hits > 1500 && near < 15, "{hits} {near}");
+}
+
+/// Leaving the wall inward one meets the other side of it at 2 r cos / sin^2, if that is between the rims. At every scale and place.
+#[test]
+fn rays_that_start_on_a_cylinder() {
+    let mut r = rng(12);
+    for scale in SCALES {
+        for offset in OFFSETS {
+            let place = similarity(&mut r, scale, offset) * DAffine3::from_scale(DVec3::new(1.0, 1.0, 3.0));
+            let s = Cylinder::new(place, false).unwrap();
+            let mut met = [0, 0];
+            for k in 0..20_000 {
+                let p = s.sample(r.uniform(), r.uniform()).p;
+                let n = s.normal(0, p);
+                let mut w = direction(&mut r);
+                // Half of the rays graze.
+                if k % 2 == 0 {
+                    w = (w - n * w.dot(n) * (1.0 - 10f64.powf(-12.0 * r.uniform()))).normalize();
+                }
+                let (cos, sin2) = (-n.dot(w), s.axis.cross(w).length_squared());
+                let hit = s.intersect(p, w, 0.0, f64::INFINITY, Some(Start { face: 0 }));
+                let expected = 2.0 * s.radius * cos / sin2;
+                let top = s.height(p) + expected * s.axis.dot(w);
+                let rim = top.abs().min((top - s.length).abs());
+                if cos.abs() < 1e-15 || sin2 < 1e-6 || rim < 1e-6 * scale + 1e-14 * offset {
+                    continue;
+                }
+                let between = cos > 0.0 && (0.0..=s.length).contains(&top);
+                assert_eq!(hit.is_some(), between, "{scale} {offset} {cos} {top}");
+                met[usize::from(between)] += 1;
+                let Some(hit) = hit else { continue };
+                // The cosine itself carries a rounding of 1e-16 a product, here and there.
+                let tolerance = 1e-9 * expected + 16e-16 * s.radius / sin2;
+                assert!((hit.t - expected).abs() <= tolerance, "{scale} {offset}: {} {expected}", hit.t);
+                let q = p + hit.t * w;
+                let ulp = 16.0 * f64::EPSILON * (offset + 4.0 * scale);
+                assert!((s.from_axis(q).length() - s.radius).abs() <= ulp && (s.snap(q) - q).length() <= 2.0 * ulp);
+                // From the middle of the chord, if that is inside after rounding, the same point is met.
+                let o = p + w * (0.5 * hit.t);
+                if s.radius * cos * cos < 100.0 * ulp {
+                    continue;
+                }
+                let again = s.intersect(o, w, 0.0, f64::INFINITY, None).unwrap().t;
+                assert!((again - 0.5 * hit.t).abs() <= 1e-9 * hit.t + ulp / cos, "{scale} {offset}");
+            }
+            assert!(met.iter().all(|&m| m > 3000), "{met:?}");
+        }
+    }
+}
+
+#[test]
+fn a_far_thin_cylinder_keeps_its_digits() {
+    // Radius 1e-3 at 1e5, across the axis and along most of it.
+    let place = |x| DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::new(1e-3, 1e-3, 2.0)), x);
+    let s = Cylinder::new(place(DVec3::new(1e5, 5e-4, -1.0)), false).unwrap();
+    let half = 1e-3 * 0.75f64.sqrt();
+    let near = s.intersect(DVec3::ZERO, DVec3::X, 0.0, f64::INFINITY, None).unwrap().t;
+    assert!((near - (1e5 - half)).abs() < 2e-11, "{near}");
+    let far = s.intersect(DVec3::ZERO, DVec3::X, near + 1e-6, f64::INFINITY, None).unwrap().t;
+    assert!((far - (1e5 + half)).abs() < 2e-11, "{far}");
+    assert!(s.intersect(DVec3::Y * 1.6e-3, DVec3::X, 0.0, f64::INFINITY, None).is_none());
+    // Along the axis, within and without: nothing.
+    let o = DVec3::new(1e5 + 2e-4, 5e-4, -9.0);
+    assert!(s.intersect(o, DVec3::Z, 0.0, f64::INFINITY, None).is_none());
+    assert!(s.intersect(o + DVec3::X, DVec3::Z, 0.0, f64::INFINITY, None).is_none());
+}
+
+#[test]
+fn a_cylinder_stays_round() {
+    let s = |m: DAffine3| Cylinder::new(m, false);
+    assert!(s(DAffine3::from_scale(DVec3::new(2.0, 2.0, 7.0))).is_ok());
+    assert!(s(DAffine3::from_scale(DVec3::new(2.0, 2.001, 7.0))).is_err_and(|e| e.contains("elliptic")));
+    let oblique = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(0.1, 0.0, 1.0));
+    assert!(s(DAffine3::from_mat3(oblique)).is_err());
+    assert!(s(DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.0))).is_err());
+    // Mirrored or flipped, the outside is where it is said to be.
+    let m = s(DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0))).unwrap();
+    assert_eq!(m.normal(0, DVec3::new(-1.0, 0.0, 0.5)), DVec3::NEG_X);
+    let f = Cylinder::new(DAffine3::IDENTITY, true).unwrap();
+    assert_eq!(f.normal(0, DVec3::new(1.0, 0.0, 0.5)), DVec3::NEG_X);
+}
+
+/// Planes through a point or along a direction touch the wall where its normal is across them; nearer or inside there are none.
+#[test]
+fn lines_of_contact() {
+    let mut r = rng(13);
+    let (mut within, mut without) = (0, 0);
+    for _ in 0..2000 {
+        let s = tube(similarity(&mut r, 0.5, 2.0));
+        let (p, w) = (s.bounds().center() + point(&mut r, 1.0), direction(&mut r));
+        let touches = |n: DVec3, along: DVec3| {
+            let [a, b] = s.line(n);
+            let scale = 1e-13 * (1.0 + along.length());
+            assert!((s.normal(0, a.midpoint(b)) - n).length() < 1e-12 && n.dot(along).abs() < scale);
+            assert!(s.to_rims(a) < 1e-13 && s.to_rims(b) < 1e-13);
+        };
+        match s.contacts_from(p) {
+            Some(normals) => normals.map(|n| touches(n, p - s.line(n)[0])).len(),
+            None => {
+                assert!(s.from_axis(p).length() <= s.radius);
+                within += 1;
+                0
+            }
+        };
+        without += s.contacts_along(w).unwrap().map(|n| touches(n, w)).len();
+    }
+    assert!(within > 50 && without == 4000, "{within}");
+    assert!(Cylinder::new(DAffine3::IDENTITY, false).unwrap().contacts_along(DVec3::Z).is_none());
+}
+
+/// A line through a point of a rim meets the wall once more at most, and never there.
+#[test]
+fn past_a_rim() {
+    let mut r = rng(14);
+    let mut met = 0;
+    for scale in SCALES {
+        for _ in 0..3000 {
+            let s = tube(similarity(&mut r, scale, 2.0 * scale));
+            let k = u32::from(r.uniform() < 0.5);
+            let (x, y) = s.rim_axes();
+            let (sin, cos) = (TAU * r.uniform()).sin_cos();
+            let b = s.rim(k).0 + x * cos + y * sin;
+            let o = b + point(&mut r, 3.0 * scale);
+            let w = (b - o).normalize();
+            let all = [-1e9 * scale, 1e9 * scale];
+            let t = s.cross_past_rims(o, w, all, &[k], 1e-14 * scale);
+            let other = 2.0 * s.radius * -s.normal(0, b).dot(w) / s.axis.cross(w).length_squared();
+            let top = s.height(b) + other * s.axis.dot(w);
+            if top.abs().min((top - s.length).abs()) < 1e-6 * scale {
+                continue;
+            }
+            assert_eq!(t.is_some(), (0.0..=s.length).contains(&top));
+            if let Some(t) = t {
+                assert!((o + w * t - (b + w * other)).length() < 1e-9 * (scale + other.abs()));
+                met += 1;
+            }
+        }
+    }
+    assert!(met > 1000, "{met}");
 }

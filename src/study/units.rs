@@ -8,7 +8,7 @@ use crate::math::rng::exponential_from;
 use crate::math::{DAffine3, DVec3, Rgb, warp};
 use crate::phase::{Phase, hg};
 use crate::render::film::{Film, FilmSpec};
-use crate::shape::{Disk, Geometry, Rectangle, Shape, Sphere};
+use crate::shape::{Cylinder, Disk, Geometry, Rectangle, Shape, Sphere};
 
 /// The smallest and the largest value of a 53-bit uniform number, and two between.
 const ENDS: [f64; 4] = [0.0, 1.0 / 9_007_199_254_740_992.0, 0.5, 1.0 - f64::EPSILON / 2.0];
@@ -59,6 +59,8 @@ pub fn rng_endpoints(b: &mut Bench) -> Result<()> {
     shapes.extend(Rectangle::new(place, false).ok().map(Shape::Rectangle));
     shapes.extend(Disk::new(place, false).ok().map(Shape::Disk));
     shapes.extend(Sphere::new(DVec3::ZERO, 2.0, DAffine3::IDENTITY, false).ok().map(Shape::Sphere));
+    let long = DAffine3::from_scale(DVec3::new(2.0, 2.0, 0.5));
+    shapes.extend(Cylinder::new(long, false).ok().map(Shape::Cylinder));
     let (mut bad, mut n) = (Vec::new(), 0);
     for s in &shapes {
         for u in ENDS {

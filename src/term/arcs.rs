@@ -166,7 +166,7 @@ impl Outlines {
                     found(t, ray, (o + w * t - c).dot(d));
                 }
             }
-            (Curve::Rim { .. }, _) => {}
+            (Curve::Rim(_), _) => {}
         }
     }
 

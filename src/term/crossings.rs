@@ -51,6 +51,16 @@ pub fn find(scene: &Scene, motion: &Motion) -> Option<(u32, u32)> {
                 Shape::Disk(d) => {
                     circle(d.placement.point(DVec3::ZERO), d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y))
                 }
+                Shape::Cylinder(c) => {
+                    let (x, y) = c.rim_axes();
+                    let line = |k: usize| {
+                        let (s, q) = (TAU * k as f64 / PIECES as f64).sin_cos();
+                        let [a, b] = c.line((x * q + y * s) / c.radius);
+                        through(i as u32, &faces, a, b)
+                    };
+                    let rims = (0..2).find_map(|k| circle(c.rim(k).0, x, y));
+                    rims.or_else(|| (0..PIECES).find_map(line))
+                }
                 _ => None,
             }
         })

@@ -332,6 +332,9 @@ pub fn front(scene: &Scene, faces: &[(u32, u32)], e: DVec3, w: DVec3, n: DVec3) 
     let instance = &scene.shapes[shape as usize];
     let p = match &instance.shape {
         Shape::Sphere(_) => e,
+        Shape::Cylinder(c) => {
+            c.off_the_rims(e, (OFF_THE_EDGE * scene.bounds.radius()).min(OF_THE_WAY * 0.5 * c.length))
+        }
         Shape::Mesh(m) => {
             let [a, b, c] = m.corners(face);
             toward((a + b + c) / 3.0)

@@ -3,8 +3,9 @@
 //! A line grazes an edge at B and ends at S, toward the camera, and at D. It carries the light that leaves D, of any number of
 //! scatterings, to S and on into the picture: `∫dl ∫dω sin α ∫∫ ds_S ds_D (-v) P(S) T(S,D) R(D)` with `v = <n, ẋ_B - (d_D ẋ_S + d_S ẋ_D)/(d_S + d_D)>` (25), n toward
 //! the unblocked side; either end is the first surface or (with its ds) a medium point on the way. One pair of walks a sample: its cost is linear in path length. A
-//! sphere has the grazing lines `dA dθ/R` (B on it, θ the line's turn in the tangent plane) in place of `dl dω sin α`: what the
-//! edges of finer and finer polyhedra tend to.
+//! smooth surface has the grazing lines `dA dθ |κ(θ)|` (B on it, θ the line's turn in the tangent plane, κ(θ) the normal curvature along the line) in place of
+//! `dl dω sin α`: what the edges of finer and finer polyhedra tend to. That is `1/R` of a sphere. Of a cylinder it is `cos²θ/R`, θ counted from the circle: an edge of the
+//! prism that replaces it has `dl sin²α dα dφ` (α the angle with the edge), where φ takes up the angle ds/R between neighbouring faces, and `sin α = |cos θ|`.
 //!
 //! Directions come from the edge alone, or toward a point of a lamp; light emitted on a surface D is shared by both ([T] (61)), all
 //! other light belongs to the first.
@@ -12,15 +13,16 @@
 use super::edge_set::{EdgeSet, SharedEdge};
 use super::ends::{self, ByOrder, Point, Watch};
 use super::light_walk::{LightWalk, Vertex, seen};
+use super::rims::{Rim, rims};
 use super::sheet::{Grazed, Partials, Reach};
 use super::{Context, Motion, Sample};
 use crate::light::LightKind;
 use crate::math::discrete::Discrete;
 use crate::math::rng::Rng;
-use crate::math::{DVec3, Rgb, warp};
+use crate::math::{DVec2, DVec3, Rgb, warp};
 use crate::scene::{Hit, On, Scene};
-use crate::shape::edges::{Edge, Side};
-use crate::shape::{Geometry, Shape};
+use crate::shape::edges::Edge;
+use crate::shape::{Cylinder, Geometry, Shape};
 use crate::transport::line::Line as Way;
 use crate::transport::walk::Stage;
 use rayon::prelude::*;
@@ -49,12 +51,9 @@ enum Curve {
         c: DVec3,
         r: f64,
     },
-    /// The rim of a disk, `c + x cos + y sin`.
-    Rim {
-        c: DVec3,
-        x: DVec3,
-        y: DVec3,
-    },
+    /// The wall, from outside.
+    Cylinder(Cylinder),
+    Rim(Rim),
 }
 
 /// How much an edge may bring, by what moves: a line that grazes an edge that stands still brings something only if one of its ends moves, and
@@ -104,8 +103,10 @@ pub struct Line {
     w: DVec3,
     /// Toward the unblocked side.
     n: DVec3,
-    /// `sin α`, or `1/R`.
+    /// `sin α`, or `|κ|`.
     measure: f64,
+    /// Density of B along the edge; 0 of a smooth surface.
+    per_length: f64,
     /// Densities of both techniques, per `dl dω` (or `dA dθ`): from the edge, and toward the lamp that is met.
     own: f64,
     lamp: f64,
@@ -138,16 +139,20 @@ impl Edges {
                     let curve = Curve::Sphere { c: q.center, r: q.radius };
                     (curve, vec![(id, Vec::new())], 4.0 * PI * TAU * q.radius, q.center)
                 }
-                Shape::Disk(d) => {
-                    let (x, y) = (d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y));
-                    let c = d.placement.point(DVec3::ZERO);
-                    let size = TAU * 0.5 * (x.length() + y.length()) * TAU * PI;
-                    (Curve::Rim { c, x, y }, vec![(id, vec![0])], size, c)
+                Shape::Cylinder(q) => {
+                    let middle = s.shape.bounds().center();
+                    (Curve::Cylinder(*q), vec![(id, Vec::new())], TAU * PI * q.length, middle)
                 }
                 _ => continue,
             };
             curved.push(Element { curve, grazed });
             weights.push(size * aim.weight(motion, id, middle));
+        }
+        for r in rims(scene, motion) {
+            let Some(shape) = r.shapes().next() else { continue };
+            let size = PI * (r.x.length() + r.y.length()) * TAU * wedge(&r.edge(0.0)).1;
+            weights.push(size * aim.weight(motion, shape, r.c));
+            curved.push(Element { grazed: r.grazed.clone(), curve: Curve::Rim(r) });
         }
         weights.iter_mut().filter(|w| !w.is_finite()).for_each(|w| *w = 0.0);
         let power = |l: &crate::light::Light| match l.kind {
@@ -191,13 +196,15 @@ impl Edges {
                 let b = e.a + (e.b - e.a) * t;
                 self.line(scene, e, b, length.recip(), lamp, u, v)
             }
-            Curve::Rim { c, x, y } => {
-                let (s, q) = (TAU * t).sin_cos();
-                let (b, along) = (*c + *x * q + *y * s, *y * q - *x * s);
-                let side = Side { face: 0, corner: *c };
-                let edge = Edge { a: b, b: b + along, sides: vec![side] };
-                self.line(scene, &edge, b, 1.0 / (TAU * along.length()), lamp, u, v)
+            Curve::Rim(rim) => {
+                let edge = rim.edge(t);
+                let per_length = 1.0 / (TAU * (edge.b - edge.a).length());
+                self.line(scene, &edge, edge.a, per_length, lamp, u, v)
             }
+            Curve::Cylinder(q) => match lamp {
+                None => self.along_wall(q, t, u, v),
+                Some(light) => self.past_wall(scene, q, light, t, u, v),
+            },
             Curve::Sphere { c, r } => {
                 let uniform = 1.0 / (4.0 * PI * r * r * TAU);
                 Some(match lamp {
@@ -210,6 +217,7 @@ impl Edges {
                             w: x * q + y * s,
                             n,
                             measure: 1.0 / r,
+                            per_length: 0.0,
                             own: uniform,
                             lamp: 0.0,
                             target: None,
@@ -235,6 +243,7 @@ impl Edges {
                             w: -to_b,
                             n,
                             measure: 1.0 / r,
+                            per_length: 0.0,
                             own: uniform,
                             lamp: density,
                             target: Some((light, distance)),
@@ -248,6 +257,33 @@ impl Edges {
     /// Lines toward a lamp's points: `dA dθ/R = dA_z cos_z sin β dψ/d` (β: half the angle that the sphere fills from z, ψ around it).
     fn sphere_density(&self, r: f64, sin: f64, distance: f64, cos: f64, per_area: f64) -> Option<f64> {
         (cos > 0.0).then(|| per_area / TAU * distance / (r * cos * sin))
+    }
+
+    /// A line that touches a wall: its point by area, uniform in the cosine with the axis, both ways, as edges have it.
+    fn along_wall(&self, q: &Cylinder, t: f64, u: f64, v: f64) -> Option<Line> {
+        let b = q.position(0, DVec2::new(u, v));
+        let n = q.from_axis(b).normalize();
+        let (z, back) = if t < 0.5 { (4.0 * t - 1.0, 1.0) } else { (4.0 * t - 3.0, -1.0) };
+        let sin = (1.0 - z * z).max(0.0).sqrt();
+        let w = q.axis.cross(n) * (back * sin) + q.axis * z;
+        let (measure, own) = (sin * sin / q.radius, wall_density(q, sin));
+        (sin > 0.0).then_some(Line { b, w, n, measure, per_length: 0.0, own, lamp: 0.0, target: None })
+    }
+
+    /// One toward a point of a lamp.
+    fn past_wall(&self, scene: &Scene, q: &Cylinder, light: u32, t: f64, u: f64, v: f64) -> Option<Line> {
+        let LightKind::Area { shape } = scene.lights[light as usize].kind else { return None };
+        let z = scene.shapes[shape as usize].shape.sample(u, v);
+        let normals = q.contacts_from(z.p)?;
+        let (n, t) = if t < 0.5 { (normals[0], 2.0 * t) } else { (normals[1], 2.0 * t - 1.0) };
+        let [from, to] = q.line(n);
+        let b = from + (to - from) * t;
+        let distance = (z.p - b).length();
+        let w = (z.p - b) / distance;
+        let sin = w.cross(q.axis).length();
+        let lamp = wall_to_lamp(q, sin, distance, -z.n.dot(w), z.pdf_area)?;
+        let (measure, own) = (sin * sin / q.radius, wall_density(q, sin));
+        Some(Line { b, w, n, measure, per_length: 0.0, own, lamp, target: Some((light, distance)) })
     }
 
     /// A line through the point b of an edge, drawn with `per_length`.
@@ -286,6 +322,7 @@ impl Edges {
             w,
             n: normal * (-side / sin),
             measure: sin,
+            per_length,
             own,
             lamp: toward,
             target,
@@ -293,14 +330,11 @@ impl Edges {
     }
 
     /// Density with which the point of a lamp that a line met would have been drawn.
-    fn toward(&self, scene: &Scene, curve: &Curve, line: &Line, per_length: f64, hit: Option<&Hit>) -> (u32, f64) {
+    fn toward(&self, scene: &Scene, curve: &Curve, line: &Line, hit: Option<&Hit>) -> (u32, f64) {
         let Some(h) = hit else {
             let Some(id) = scene.environment else { return (0, 0.0) };
             let pdf = scene.lights[id as usize].escape(line.w).map_or(0.0, |e| e.1);
-            return match curve {
-                Curve::Sphere { .. } => (id, 0.0),
-                _ => (id, pdf * per_length),
-            };
+            return (id, pdf * line.per_length);
         };
         let shape = &scene.shapes[h.shape as usize];
         let Some(light) = shape.light else { return (0, 0.0) };
@@ -309,10 +343,25 @@ impl Edges {
                 let (d, distance) = ((*c - h.p).length(), (line.b - h.p).length());
                 self.sphere_density(*r, r / d, distance, -h.n.dot(line.w), 1.0 / shape.shape.area()).unwrap_or(0.0)
             }
-            _ => scene.area_pdf(light, line.b, line.w, h) * per_length,
+            Curve::Cylinder(q) => {
+                let (distance, cos) = ((line.b - h.p).length(), -h.n.dot(line.w));
+                let sin = line.w.cross(q.axis).length();
+                wall_to_lamp(q, sin, distance, cos, 1.0 / shape.shape.area()).unwrap_or(0.0)
+            }
+            _ => scene.area_pdf(light, line.b, line.w, h) * line.per_length,
         };
         (light, density)
     }
+}
+
+/// Density `dA dθ` of lines that are uniform in area and in the cosine with the axis.
+fn wall_density(q: &Cylinder, sin: f64) -> f64 {
+    sin / (4.0 * q.area())
+}
+
+/// Of lines toward a lamp's points that touch the wall uniformly along one of its two lines of contact: `dA dθ sin²α/R = dA_z cos_z dl sin α/d²`.
+fn wall_to_lamp(q: &Cylinder, sin: f64, distance: f64, cos: f64, per_area: f64) -> Option<f64> {
+    (cos > 0.0).then(|| 0.5 * per_area / q.length * sin * distance * distance / (q.radius * cos))
 }
 
 /// The frame across an edge in which [`wedge`] counts angles: x toward the first face.
@@ -488,12 +537,7 @@ impl Edges {
             light.scale(Rgb::splat(1.0 / (own * inside)));
             return Some(Far { light, at, distance });
         }
-        let curve = &g.element.curve;
-        let per_length = match curve {
-            Curve::Edge(e) => (e.b - e.a).length().recip(),
-            _ => line.own * 4.0 * PI,
-        };
-        let (light, toward) = self.toward(scene, curve, line, per_length, g.far.as_ref());
+        let (light, toward) = self.toward(scene, &g.element.curve, line, g.far.as_ref());
         let own = own * (1.0 - inside);
         let both = own + self.lamp_share(light) * toward;
         let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);

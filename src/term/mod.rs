@@ -17,6 +17,7 @@ pub mod light_walk;
 pub mod medium_edge;
 pub mod outline;
 pub mod pixel_edge;
+pub mod rims;
 pub mod sheet;
 pub mod sheet_samples;
 pub mod surface_edge;

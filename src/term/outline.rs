@@ -7,13 +7,15 @@
 use super::Motion;
 use super::arcs::Node;
 use super::edge_set::SharedEdge;
+use super::rims::{Rim, rims};
 use super::sheet::{Grazed, Ray};
 use crate::light::LightKind;
 use crate::math::discrete::Discrete;
 use crate::math::{DVec3, warp};
 use crate::scene::Scene;
 use crate::sensor::{Projection, Sensor};
-use crate::shape::{Geometry, Shape};
+use crate::shape::{Cylinder, Geometry, Shape};
+use std::borrow::Cow;
 use std::f64::consts::TAU;
 
 /// Relative size of a cross product below which an edge points at the light [T] section 9.
@@ -25,18 +27,18 @@ const FLAT: f64 = 1e-9;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Curve {
-    /// From a to b; unit normal of its sheet toward the lit side.
+    /// From a to b, a straight edge or a cylinder's line of contact; unit normal of its sheet toward the lit side.
     Edge { a: DVec3, b: DVec3, n: DVec3 },
     /// A sphere's circle of contact.
     Sphere { c: DVec3, r: f64 },
-    /// The rim `c + cos x + sin y` of a disk.
-    Rim { c: DVec3, x: DVec3, y: DVec3 },
+    /// Of the source's rims.
+    Rim(u32),
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct Outline {
     pub curve: Curve,
-    /// Shapes whose outline it is, of meshes with their faces there.
+    /// Shapes whose outline it is, of meshes with their faces there, of rims with those; a smooth shape's line of contact names nothing.
     pub grazed: Vec<(u32, Vec<u32>)>,
     pub faces: Faces,
 }
@@ -56,6 +58,9 @@ pub struct Outlines {
     light: u32,
     pub(super) source: Source,
     pub(super) list: Vec<Outline>,
+    rims: Vec<Rim>,
+    /// Edges between two faces that are both seen count, too.
+    creases: bool,
     pub(super) table: Discrete,
     pub(super) nodes: Vec<Node>,
     /// Outlines in the order of the hierarchy's leaves; those that it does not hold at the end.
@@ -131,13 +136,14 @@ impl Outlines {
             let faces = Faces { lit: Vec::new(), own: vec![(id, 0)] };
             match &s.shape {
                 Shape::Sphere(sphere) => source.sphere(sphere.center, sphere.radius, id, faces, &mut list),
-                Shape::Disk(d) => {
-                    let c = d.placement.point(DVec3::ZERO);
-                    let (x, y) = (d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y));
-                    list.push(Outline { curve: Curve::Rim { c, x, y }, grazed: vec![(id, vec![0])], faces });
-                }
+                Shape::Cylinder(cylinder) => source.cylinder(cylinder, id, &faces, &mut list),
                 _ => {}
             }
+        }
+        let rims: Vec<Rim> = rims(scene, motion).into_iter().filter(|r| r.shapes().any(&keep)).collect();
+        for (k, r) in rims.iter().enumerate() {
+            let faces = Faces { lit: Vec::new(), own: r.shapes().map(|id| (id, 0)).collect() };
+            list.push(Outline { curve: Curve::Rim(k as u32), grazed: r.grazed.clone(), faces });
         }
         let edges = motion.edges(scene);
         let chosen = match creases {
@@ -151,6 +157,8 @@ impl Outlines {
             light: u32::MAX,
             source,
             list,
+            rims,
+            creases,
             table: Discrete::default(),
             nodes: Vec::new(),
             order: Vec::new(),
@@ -191,14 +199,26 @@ impl Outlines {
     }
 
     /// A ray that grazes a random point of a random outline.
-    pub fn sample(&self, u: f64) -> Option<(Ray, Grazed<'_>, &Faces)> {
+    pub fn sample(&self, u: f64) -> Option<(Ray, Grazed<'_>, Cow<'_, Faces>)> {
         if self.table.total <= 0.0 {
             return None;
         }
         let (i, probability, v) = self.table.sample(u);
         let mut ray = self.ray(i, v)?;
         ray.across *= probability;
-        Some((ray, self.grazed(i), &self.list[i].faces))
+        Some((ray, self.grazed(i), self.faces(i, &ray)))
+    }
+
+    /// Faces where a ray grazes an outline: which of a shared rim's are on its lit side depends on the place.
+    fn faces(&self, i: usize, ray: &Ray) -> Cow<'_, Faces> {
+        if let Curve::Rim(k) = self.list[i].curve {
+            let rim = &self.rims[k as usize];
+            if self.creases && rim.is_shared() {
+                let [lit, own] = rim.parted(ray.at(ray.near), ray.n);
+                return Cow::Owned(Faces { lit, own });
+            }
+        }
+        Cow::Borrowed(&self.list[i].faces)
     }
 
     /// The ray at the fraction `u` of an outline; `across` given the outline.
@@ -283,9 +303,9 @@ impl Outlines {
                     profile: false,
                 })
             }
-            (Curve::Rim { c, x, y }, source) => {
-                let (s, q) = (TAU * u).sin_cos();
-                let (e, tangent) = (c + x * q + y * s, (y * q - x * s) * TAU);
+            (Curve::Rim(k), source) => {
+                let edge = self.rims[k as usize].edge(u);
+                let (e, tangent) = (edge.a, (edge.b - edge.a) * TAU);
                 let (origin, w, near, distant) = match source {
                     Source::Point(p) => (p, (e - p).normalize(), (e - p).length(), false),
                     Source::Distant(d) => (e, d, 0.0, true),
@@ -293,8 +313,9 @@ impl Outlines {
                 let m = w.cross(tangent);
                 let swept = if distant { m.length() } else { m.length() / near };
                 let n = m.normalize();
-                let n = if n.dot(c - e) > 0.0 { -n } else { n };
-                (swept > 0.0).then_some(Ray {
+                let side = edge.covered_side(n);
+                let n = if side != 0.0 { n * -side } else { n };
+                (swept > 0.0 && (side != 0.0 || self.creases)).then_some(Ray {
                     light,
                     origin,
                     w,
@@ -315,6 +336,22 @@ impl Source {
         // From inside there is no silhouette.
         if !matches!(self, Source::Point(p) if (c - *p).length() <= r) {
             list.push(Outline { curve: Curve::Sphere { c, r }, grazed: vec![(shape, Vec::new())], faces });
+        }
+    }
+
+    /// Two straight lines of contact; from within the wall, extended beyond its rims, none.
+    fn cylinder(&self, q: &Cylinder, shape: u32, faces: &Faces, list: &mut Vec<Outline>) {
+        let normals = match self {
+            Source::Point(p) => q.contacts_from(*p),
+            Source::Distant(d) => q.contacts_along(*d),
+        };
+        for n in normals.into_iter().flatten() {
+            let [a, b] = q.line(n);
+            list.push(Outline {
+                curve: Curve::Edge { a, b, n },
+                grazed: vec![(shape, Vec::new())],
+                faces: faces.clone(),
+            });
         }
     }
 

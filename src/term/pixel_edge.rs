@@ -12,7 +12,6 @@ use super::{Context, Motion, Room, Sample};
 use crate::math::rng::Rng;
 use crate::scene::Scene;
 use crate::sensor::Sensor;
-use crate::shape::Shape;
 use crate::transport::line::Line;
 use crate::transport::walk::Stage;
 
@@ -59,8 +58,9 @@ impl Room for PixelEdge {
             }),
             false => ends::front(scene, &faces.lit, e, q.w, ray.n),
         };
-        // A sphere is seen edge on: rounding must not decide from which side.
-        let toward = if matches!(scene.shapes[own.shape as usize].shape, Shape::Sphere(_)) { -ray.n } else { q.w };
+        // A curved face is seen edge on: rounding must not decide from which side.
+        let edge_on = grazed.first().is_some_and(|(_, named)| named.is_empty());
+        let toward = if edge_on { -ray.n } else { q.w };
         let (stream, hide) = (Rng::keyed(rng.next_u64(), 0, 0, 0), cx.set.hide_emitters);
         let Some(front) = Line::clear(scene, q.o, q.w, q.distance, cx.sensor.medium) else { return };
         let (transmittance, medium) = (front.transmittance(), front.last);

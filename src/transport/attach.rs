@@ -1,4 +1,4 @@
-//! Points of spheres beside the first vertex of a path.
+//! Points of spheres and cylinders beside the first vertex of a path.
 //!
 //! The film holds the first vertex x, so where a camera ray passes close to a sphere that moves, x stays behind: the score of a segment from x to a
 //! point z of the sphere grows like 1/d, and camera rays come close to spheres so often (at distance δ with density δ^1/2) that its second moment has no bound. So z,
@@ -7,14 +7,15 @@
 //! `ż = ż_B + χ Q (ẋ - ż_B)`, `Q = 1 - w nᵀ/<n,w>`, `χ = κ(d/R)`
 //!
 //! (ż_B: as it would move otherwise). A direction's measure dω = dA c_z/d² does not change, so that segment and Jacobian together score
-//! `(1-χ)` times what they would, and `<∇χ, Q(ẋ - ż_B)>`. Only on spheres: faces end at edges, over which such points would flow.
+//! `(1-χ)` times what they would, and `<∇χ, Q(ẋ - ż_B)>`. Flat faces end at edges, over which such points would flow, and camera rays that graze them are rare; on
+//! a cylinder's wall χ has the factor `κ(|2h/l - 1|)` besides (h the height of z, l the length), which is 0 at the rims.
 
 use super::field::decay;
 use super::piece::{onto, outer};
 use crate::math::{DMat3, DVec3};
 use crate::shape::Shape;
 
-/// How a point of a sphere is held to its direction from the first vertex.
+/// How a point of a curved shape is held to its direction from the first vertex.
 #[derive(Clone, Copy, Debug)]
 pub struct Attached {
     /// χ.
@@ -28,15 +29,27 @@ pub struct Attached {
 impl Attached {
     /// For a point z with the normal n; `None` on other shapes and out of reach.
     pub fn new(shape: &Shape, x: DVec3, z: DVec3, n: DVec3) -> Option<Attached> {
-        let Shape::Sphere(s) = shape else { return None };
+        let radius = match shape {
+            Shape::Sphere(s) => s.radius,
+            Shape::Cylinder(s) => s.radius,
+            _ => return None,
+        };
         let d = (z - x).length();
-        let (share, slope) = decay(d / s.radius);
+        let (mut share, slope) = decay(d / radius);
         if share <= 0.0 || d <= 0.0 {
             return None;
         }
         let w = (z - x) / d;
         let q = onto(n, w);
-        let form = q.transpose() * w * (slope / s.radius);
+        // ∇χ.
+        let mut gradient = w * (slope / radius);
+        if let Shape::Cylinder(s) = shape {
+            let off = 2.0 * s.height(z) / s.length - 1.0;
+            let (fade, slope) = decay(off.abs());
+            gradient = gradient * fade + s.axis * (share * slope * off.signum() * 2.0 / s.length);
+            share *= fade;
+        }
+        let form = q.transpose() * gradient;
         let map = q * share;
         (map + outer(form, form)).is_finite().then_some(Attached { share, map, form })
     }

@@ -5,7 +5,7 @@
 //!
 //! So the first vertex x moves otherwise than the field V around it ([`super::field`]), by `e = ẋ - V(x)`. All later points y of its path move with
 //! `V(y) + κ(‖y-x‖/ρ) E(y)`, E being e at x: their differences stay bounded by their distances (57). The part of e along the face
-//! that the camera ray ends on keeps to that face (on a sphere it is a turn about its centre) and may reach it; ρ keeps the rest, and either part, off
+//! that the camera ray ends on keeps to that face (on a sphere it is a turn about its centre, on a cylinder one about its axis) and may reach it; ρ keeps the rest, and either part, off
 //! everything that medium points must not cross.
 
 use super::field::{Field, decay};
@@ -75,6 +75,8 @@ enum Guide {
     Plane(DVec3),
     /// Centre, and the unit vector and distance from it to the first vertex.
     Sphere(DVec3, DVec3, f64),
+    /// A point of the axis and its direction, and the unit vector and distance from it to the first vertex.
+    Cylinder(DVec3, DVec3, DVec3, f64),
 }
 
 impl Guide {
@@ -88,6 +90,8 @@ impl Guide {
                     * (DMat3::IDENTITY - outer(m, m))
                     * (1.0 / r)
             }
+            // A turn about the axis, and a shift along it.
+            Guide::Cylinder(c, k, m, r) => outer(k, k) + outer(k.cross(y - c), k.cross(m)) * (1.0 / r),
         }
     }
 
@@ -95,7 +99,7 @@ impl Guide {
     fn across(&self) -> DMat3 {
         match *self {
             Guide::Plane(n) => outer(n, n),
-            Guide::Sphere(_, m, _) => outer(m, m),
+            Guide::Sphere(_, m, _) | Guide::Cylinder(_, _, m, _) => outer(m, m),
         }
     }
 }
@@ -217,11 +221,17 @@ impl FilmLine<'_> {
             let rho = CLEAR * self.field.clearance(self.scene, x, None);
             return Some(Excess { x, e, guide: None, rho });
         };
-        let radius = CLEAR * self.field.clearance(self.scene, x, Some((shape, face)));
+        let mut radius = CLEAR * self.field.clearance(self.scene, x, Some((shape, face)));
         let guide = match &self.scene.shapes[shape as usize].shape {
             Shape::Sphere(s) => {
                 let r = (x - s.center).length();
                 Guide::Sphere(s.center, (x - s.center) / r, r)
+            }
+            Shape::Cylinder(s) => {
+                // Points of the wall must not flow over its rims.
+                radius = radius.min(CLEAR * s.to_rims(x));
+                let m = s.from_axis(x);
+                Guide::Cylinder(s.base, s.axis, m.normalize(), m.length())
             }
             _ => Guide::Plane(n),
         };

@@ -486,6 +486,13 @@ fn bend<S: Sink>(cx: &mut Chained<S>, shape: u32, p: DVec3, n: DVec3, turn: &Cov
 fn bend_form(scene: &Scene, shape: u32, p: DVec3, n: DVec3, turn: &Covector) -> Covector {
     match &scene.shapes[shape as usize].shape {
         Shape::Sphere(s) => turn.across(n).scaled(n.dot(p - s.center).signum() / s.radius),
+        // Around the axis only.
+        Shape::Cylinder(s) => {
+            let around = s.axis.cross(n);
+            let mut form = Covector::default();
+            form.add(around, turn.dot(around) * (n.dot(s.from_axis(p)).signum() / s.radius));
+            form
+        }
         _ => Covector::default(),
     }
 }

@@ -170,6 +170,7 @@ fn shape_kind<R>(k: &ShapeKind<R>) -> &'static str {
         ShapeKind::Rectangle => "rectangle",
         ShapeKind::Cube => "cube",
         ShapeKind::Disk => "disk",
+        ShapeKind::Cylinder { .. } => "cylinder",
     }
 }
 

@@ -1,0 +1,112 @@
+//! Rims of disks and cylinders: edges that are circles (a disk's: any ellipse). Rims that coincide are one, whichever shapes they belong to (a can of a cylinder and two
+//! disks), as long as they move alike.
+
+use super::Motion;
+use crate::math::DVec3;
+use crate::scene::Scene;
+use crate::shape::Shape;
+use crate::shape::edges::{Edge, Side};
+use std::f64::consts::TAU;
+
+/// Circles of different shapes within this share of the scene's radius, and of a right angle, are one.
+const WELD: f64 = 1e-9;
+
+/// The ellipse `c + x cos + y sin` and what ends in it.
+#[derive(Clone, Debug)]
+pub struct Rim {
+    pub c: DVec3,
+    pub x: DVec3,
+    pub y: DVec3,
+    sides: Vec<RimSide>,
+    /// What lines that graze it leave out: of a cylinder this rim, of a disk all of it.
+    pub grazed: Vec<(u32, Vec<u32>)>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct RimSide {
+    shape: u32,
+    /// The direction in which its face leaves the rim; toward the middle where there is none.
+    inward: Option<DVec3>,
+}
+
+impl Rim {
+    fn inward(&self, side: &RimSide, e: DVec3) -> DVec3 {
+        side.inward.unwrap_or(self.c - e)
+    }
+
+    /// The rim's straight edge at the fraction u of a turn, one radian long, with its faces.
+    pub fn edge(&self, u: f64) -> Edge {
+        let (s, q) = (TAU * u).sin_cos();
+        let (e, along) = (self.c + self.x * q + self.y * s, self.y * q - self.x * s);
+        let sides = self.sides.iter().map(|k| Side { face: 0, corner: e + self.inward(k, e) }).collect();
+        Edge { a: e, b: e + along, sides }
+    }
+
+    /// Faces (shape, face) at a point of it: those on the side that n points to, and the others.
+    pub fn parted(&self, e: DVec3, n: DVec3) -> [Vec<(u32, u32)>; 2] {
+        let (lit, own): (Vec<&RimSide>, Vec<&RimSide>) =
+            self.sides.iter().partition(|k| n.dot(self.inward(k, e)) > 0.0);
+        [lit, own].map(|list| list.into_iter().map(|k| (k.shape, 0)).collect())
+    }
+
+    /// Shapes that share it.
+    pub fn shapes(&self) -> impl Iterator<Item = u32> + '_ {
+        self.sides.iter().map(|k| k.shape)
+    }
+
+    pub fn is_shared(&self) -> bool {
+        self.sides.len() > 1
+    }
+
+    fn is_same(&self, o: &Rim, size: f64) -> bool {
+        let near = |a: DVec3, b: DVec3| (a - b).length() <= WELD * size;
+        let round = |r: &Rim| {
+            let (x, y) = (r.x.length(), r.y.length());
+            (x - y).abs() <= WELD * size && r.x.dot(r.y).abs() <= WELD * x * y
+        };
+        let across = |r: &Rim| r.x.cross(r.y).normalize();
+        near(self.c, o.c)
+            && round(self)
+            && round(o)
+            && (self.x.length() - o.x.length()).abs() <= WELD * size
+            && across(self).cross(across(o)).length() <= WELD
+    }
+}
+
+/// Of everything opaque.
+pub fn rims(scene: &Scene, motion: &Motion) -> Vec<Rim> {
+    let mut list: Vec<(Rim, u32)> = Vec::new();
+    let size = scene.bounds.radius();
+    for (i, s) in scene.shapes.iter().enumerate() {
+        let id = i as u32;
+        if scene.is_null(s) {
+            continue;
+        }
+        let mut add = |c, (x, y), inward, name| {
+            let side = RimSide { shape: id, inward };
+            let rim = Rim { c, x, y, sides: vec![side], grazed: vec![(id, vec![name])] };
+            let class = motion.class(id);
+            match list.iter_mut().find(|(r, k)| *k == class && r.is_same(&rim, size)) {
+                Some((shared, _)) => {
+                    shared.sides.push(side);
+                    shared.grazed.extend(rim.grazed);
+                }
+                None => list.push((rim, class)),
+            }
+        };
+        match &s.shape {
+            Shape::Disk(d) => {
+                let p = &d.placement;
+                add(p.point(DVec3::ZERO), (p.vector(DVec3::X), p.vector(DVec3::Y)), None, 0);
+            }
+            Shape::Cylinder(c) => {
+                for k in 0..2 {
+                    let (middle, inward) = c.rim(k);
+                    add(middle, c.rim_axes(), Some(inward), k);
+                }
+            }
+            _ => {}
+        }
+    }
+    list.into_iter().map(|(r, _)| r).collect()
+}
