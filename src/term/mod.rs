@@ -24,7 +24,7 @@ pub mod surface_edge;
 use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::math::rng::Rng;
-use crate::params::{Mover, ParamSet, Partial, Slot};
+use crate::params::{ParamSet, Partial, Slot};
 use crate::scene::{Scene, Settings};
 use crate::sensor::Sensor;
 use crate::shape::Shape;
@@ -81,9 +81,7 @@ impl Motion {
         };
         let moving = Moving::new(scene, sensor, params)?;
         let others = moving.any();
-        let glows = |s: &&crate::scene::Instance| {
-            scene.is_null(s) && s.light.is_some() && (others || params.block_active(s.mover.first, Mover::SLOTS))
-        };
+        let glows = |s: &&crate::scene::Instance| scene.is_null(s) && s.light.is_some() && (others || s.moves(params));
         let glowing_null = scene.shapes.iter().find(glows).map(|s| s.name.clone());
         Ok(Motion { lights: scene.lights.iter().map(motion).collect(), moving, glowing_null })
     }
