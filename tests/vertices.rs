@@ -208,6 +208,16 @@ fn threads_change_no_bit() {
     assert_eq!(with(1), with(2));
 }
 
+#[test]
+fn a_mesh_that_passes_through_itself_is_refused() {
+    let mut mesh = gem();
+    mesh.0[0] = DVec3::new(-1.1, 0.2, 0.3);
+    let (sc, params) =
+        open(&room(r#"<translate y="1.2" z="0.1"/>"#, "", POINT), &obj(&mesh, false), &["mesh.vertices"]);
+    let e = job(&sc, 32, 1, Mode::Reverse(&params, &adjoint(30))).run(&|_| {}).err().expect("refused").to_string();
+    assert!(e.contains("the mesh `mesh` passes through itself"), "{e}");
+}
+
 /// A vertex of the file in a direction of the world, and the step.
 type Move = (usize, DVec3, f64);
 

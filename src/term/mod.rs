@@ -133,6 +133,15 @@ impl Motion {
         if self.surfaces() {
             if let Some((a, b)) = crossings::find(scene, self) {
                 let name = |k: u32| &scene.shapes[k as usize].name;
+                if a == b {
+                    return Err(Error::usage(
+                        format!(
+                            "the mesh `{}` passes through itself: how the curve where it does moves cannot be told yet",
+                            name(a)
+                        ),
+                        "cut the mesh along that curve",
+                    ));
+                }
                 return Err(Error::usage(
                     format!(
                         "the shapes `{}` and `{}` pass through each other: how the curve where they meet moves cannot be told yet",

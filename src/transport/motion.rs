@@ -33,6 +33,8 @@ pub struct Moving {
     pub field: Field,
     pub camera: bool,
     any: bool,
+    /// Meshes whose vertices are parameters.
+    bending: Vec<bool>,
 }
 
 impl Moving {
@@ -40,7 +42,8 @@ impl Moving {
         let classes = classes(scene, params);
         let camera = sensor.moves(params);
         let any = camera || classes.iter().any(Option::is_some);
-        Ok(Moving { any, field: Field::new(scene, classes)?, camera })
+        let bending = scene.shapes.iter().map(|s| s.bends(params)).collect();
+        Ok(Moving { any, field: Field::new(scene, classes)?, camera, bending })
     }
 
     pub fn any(&self) -> bool {
@@ -49,6 +52,11 @@ impl Moving {
 
     pub fn moves(&self, shape: u32) -> bool {
         self.field.class(shape).is_some()
+    }
+
+    /// Whether a shape moves other than by an affine field.
+    pub fn bends(&self, shape: u32) -> bool {
+        self.bending[shape as usize]
     }
 
     pub fn film_line<'a>(&'a self, scene: &'a Scene) -> FilmLine<'a> {
