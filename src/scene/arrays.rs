@@ -40,17 +40,15 @@ pub fn mesh(parts: &Parts<f64>, name: &str) -> Result<usize> {
     };
     let mut found = parts.shapes.iter().enumerate().filter(|(_, s)| s.name == object);
     let Some((index, shape)) = found.next() else {
-        let is = |names: &mut dyn Iterator<Item = &String>| names.any(|n| n == object);
-        let what = if is(&mut parts.media.iter().map(|m| &m.name)) {
-            format!("`{object}` is a medium, which has no vertices")
-        } else if is(&mut parts.lights.iter().map(|l| &l.name)) {
-            format!("`{object}` is an emitter, which has no vertices: its shape may")
-        } else if is(&mut parts.surface_names.iter()) {
-            format!("`{object}` is a bsdf, which has no vertices")
-        } else if is(&mut parts.sensors.iter().map(|s| &s.name)) {
-            format!("`{object}` is a sensor, which has no vertices")
-        } else {
-            format!("the scene has no shape `{object}`")
+        let others = [
+            ("a medium", parts.media.iter().any(|m| m.name == object)),
+            ("an emitter", parts.lights.iter().any(|l| l.name == object)),
+            ("a bsdf", parts.surface_names.iter().any(|n| n == object)),
+            ("a sensor", parts.sensors.iter().any(|s| s.name == object)),
+        ];
+        let what = match others.iter().find(|o| o.1) {
+            Some((kind, _)) => format!("`{object}` is {kind}, which has no vertices"),
+            None => format!("the scene has no shape `{object}`"),
         };
         return fail(what, ours());
     };

@@ -146,8 +146,9 @@ impl Obj {
         }
         let (normals, uvs) = (any_normal.then_some(normals), any_uv.then_some(uvs));
         let same = order.len() == self.positions.len() && order.iter().enumerate().all(|(k, &i)| i as usize == k);
-        let mesh = TriangleMesh::new(vertices, faces, normals, uvs)?.rounded_to_f32();
-        Ok(TriangleMesh { file_order: (!same).then(|| order.into()), ..mesh })
+        let mut mesh = TriangleMesh::new(vertices, faces, normals, uvs)?.rounded_to_f32();
+        mesh.file_order = (!same).then(|| order.into());
+        Ok(mesh)
     }
 }
 
