@@ -99,6 +99,7 @@ pub struct SlotTable {
 
 impl SlotTable {
     pub fn push(&mut self, owner: Owner, name: &str, quantity: Quantity, values: &[f64]) -> Slot {
+        debug_assert_eq!(self.scalars, self.values.len(), "arrays come last");
         let first = self.push_array(owner, name, quantity, values);
         self.scalars = self.values.len();
         first
