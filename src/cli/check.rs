@@ -92,7 +92,7 @@ struct Report<'a> {
 impl CheckArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
         let terms = Terms::parse(&self.study.terms)?;
-        let wrt = parameters(&self.wrt)?;
+        let wrt = parameters(&self.wrt, "check")?;
         self.check_places()?;
         let setup = Setup::new(&self.scene, &self.study.render(self.spp), &wrt, log)?;
         if let Some(w) = left_out(&setup, &terms) {

@@ -74,7 +74,7 @@ struct Report<'a> {
 impl ConvergeArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
         let terms = Terms::parse(&self.study.terms)?;
-        let wrt = parameters(&self.wrt)?;
+        let wrt = parameters(&self.wrt, "converge")?;
         let csv = self.output.clone().unwrap_or_else(|| files::default_name(&self.scene.scene, ".converge.csv"));
         files::need_extension("--output", &csv, "csv")?;
         let mut plots = vec![(csv.with_extension("svg"), None)];

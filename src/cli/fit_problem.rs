@@ -83,7 +83,8 @@ pub struct Prepared {
 impl Prepared {
     pub fn new(given: &Given, args: &FitArgs, log: &Log) -> Result<Self> {
         let s = &given.settings;
-        let wrt = parameters(if args.wrt.is_empty() { s.wrt.as_deref().unwrap_or(&[]) } else { &args.wrt })?;
+        let wrt = if args.wrt.is_empty() { s.wrt.as_deref().unwrap_or(&[]) } else { &args.wrt };
+        let wrt = parameters(wrt, "fit")?;
         if wrt.is_empty() {
             return Err(Error::usage("nothing to find", "give --wrt a,b, or `wrt = [\"a\", \"b\"]` in the fit.toml"));
         }

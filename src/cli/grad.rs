@@ -4,7 +4,7 @@ use super::files::{self, Outputs};
 use super::format;
 use super::log::Log;
 use super::loss::{self, Loss, LossReport};
-use super::options::{LogOptions, RenderOptions, SceneOptions, parameters};
+use super::options::{LogOptions, RenderOptions, SceneOptions, parameters_and_arrays};
 use super::render::picture;
 use super::run::{self, RunReport, Setup};
 use clap::Args;
@@ -14,21 +14,23 @@ use std::time::Duration;
 use tyndall::error::{Error, Result};
 use tyndall::image::{exr, output};
 use tyndall::math::Rgb;
-use tyndall::params::ParamSet;
+use tyndall::params::{Array, ParamSet};
 use tyndall::render::driver::Mode;
 use tyndall::render::family::stream;
 use tyndall::render::plan::Terms;
+use tyndall::scene::{Scene, arrays};
 
-/// Derivatives with respect to `$parameters` of the scene
+/// Derivatives with respect to `$parameters` of the scene, gradients with respect to vertices of its meshes
 ///
 /// Without --loss or --adjoint: one image a parameter (forward mode), layers d_NAME.R/G/B and var_NAME.R/G/B beside the picture.
-/// With one of them: one number a parameter (reverse mode) as JSON, on standard output or in -o FILE.json.
+/// With one of them: one number a parameter (reverse mode) as JSON, on standard output or in -o FILE.json. There `--wrt` takes ID.vertices too, ID being
+/// the id of an obj or ply shape: three numbers a vertex, in world space, in the order of the mesh's vertices.
 /// Its standard error is that of the gradient pass, at most: the noise of the picture behind --loss is not in it.
 #[derive(Args)]
 pub struct GradArgs {
     #[command(flatten)]
     scene: SceneOptions,
-    /// Parameters to differentiate by
+    /// Parameters to differentiate by; with --loss or --adjoint also ID.vertices, the vertices of a mesh
     #[arg(long, value_name = "A,B,...", value_delimiter = ',', required = true)]
     wrt: Vec<String>,
     /// Images: an .exr, its report beside it as .json [default: SCENE's name + .grad.exr in the current folder];
@@ -62,9 +64,15 @@ pub struct GradArgs {
 impl GradArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
         let terms = Terms::parse(&self.terms)?;
-        let wrt = parameters(&self.wrt)?;
+        let wrt = parameters_and_arrays(&self.wrt)?;
         if self.loss.is_some() || self.adjoint.is_some() {
             return self.reverse(&wrt, terms, log);
+        }
+        if let Some(name) = wrt.iter().find(|n| arrays::split(n).is_some()) {
+            return Err(Error::usage(
+                format!("`--wrt {name}`: an array has a gradient, but no derivative images"),
+                "give --loss l2 --target REF.exr, or --adjoint A.exr",
+            ));
         }
         let name = self.output.clone().unwrap_or_else(|| files::default_name(&self.scene.scene, ".grad.exr"));
         let outputs = Outputs::new(name, "exr", self.render.preview.clone(), self.render.overwrite)?;
@@ -80,6 +88,7 @@ impl GradArgs {
             None => None,
         };
         let mut setup = Setup::new(&self.scene, &self.render, wrt, log)?;
+        setup.scene.open(&setup.desc, wrt)?;
         let params = setup.scene.param_set(&setup.desc, wrt)?;
         tell_idle(&params, wrt, log);
         if let Some(w) = run::left_out(&setup, &terms) {
@@ -103,7 +112,7 @@ impl GradArgs {
         let files = outputs.as_ref().map_or(Vec::new(), Outputs::all);
         let mut report = run::report(&setup, &done, &self.render, &files, wrt, &job.terms);
         report.loss = loss;
-        gradient(&mut report, &params, &done.outcome.gradient);
+        gradient(&mut report, &params, &setup.scene, &done.outcome.gradient);
         let json = run::to_json(&report)?;
         if let Some(o) = &outputs {
             output::write_bytes(&o.main, format!("{json}\n").as_bytes())?;
@@ -158,31 +167,44 @@ pub fn tell_idle(params: &ParamSet, wrt: &[String], log: &Log) {
     }
 }
 
-/// Gradient over parameters from that over slots.
+/// Gradient over parameters from that over slots: a number a name, `{shape, values}` an array.
 ///
 /// Errors of the slots add up as if they were fully correlated, which is exact where a parameter sets one slot, or all
 /// channels of one quantity that are.
-fn gradient(report: &mut RunReport, params: &ParamSet, slots: &Option<(Vec<f64>, Vec<f64>)>) {
+fn gradient(report: &mut RunReport, params: &ParamSet, scene: &Scene, slots: &Option<(Vec<f64>, Vec<f64>)>) {
     let Some((g, e)) = slots else { return };
     let values = params.pull_back(g);
-    let errors: Vec<f64> = (0..params.len())
-        .map(|k| e.iter().enumerate().map(|(s, e)| e * params.tangents(s as u32)[k].abs()).sum())
-        .collect();
-    let map = |v: Vec<f64>| -> Map<String, Value> {
-        params.names.iter().cloned().zip(v.into_iter().map(|x| json!(x))).collect()
+    let size = |s: usize, k: usize| params.tangents(s as u32).get(k).map_or(0.0, |t| t.abs());
+    let errors: Vec<f64> = (0..params.len()).map(|k| e.iter().enumerate().map(|(s, e)| e * size(s, k)).sum()).collect();
+    let map = |v: Vec<f64>, slots: &[f64], order: bool| -> Map<String, Value> {
+        let named = params.names.iter().cloned().zip(v.into_iter().map(|x| json!(x)));
+        let array = |a: &Array| {
+            let mut value = json!({ "shape": a.shape, "values": &slots[a.range()] });
+            if let Some(order) = scene.file_order(a).filter(|_| order) {
+                value["file_order"] = json!(order);
+            }
+            (a.name.clone(), value)
+        };
+        named.chain(params.arrays.iter().map(array)).collect()
     };
-    report.gradient = Some(map(values));
-    report.standard_error = Some(map(errors));
+    report.gradient = Some(map(values, g, true));
+    report.standard_error = Some(map(errors, e, false));
 }
 
 fn summary(r: &RunReport, outputs: &Option<Outputs>) -> String {
     let mut rows = vec![["parameter", "gradient", "standard error"].map(String::from).to_vec()];
+    // Of an array the length of the vector.
     let number = |m: &Option<Map<String, Value>>, name: &str| {
-        let x = m.as_ref().and_then(|m| m.get(name)).and_then(Value::as_f64);
+        let value = m.as_ref().and_then(|m| m.get(name));
+        let x = value.and_then(|v| match &v["values"] {
+            Value::Array(v) => v.iter().map(|x| x.as_f64().map(|x| x * x)).sum::<Option<f64>>().map(f64::sqrt),
+            _ => v.as_f64(),
+        });
         x.map_or("unknown".into(), |x| format!("{x:.6e}"))
     };
     for name in r.gradient.iter().flatten().map(|(name, _)| name) {
-        rows.push(vec![name.clone(), number(&r.gradient, name), number(&r.standard_error, name)]);
+        let shown = if arrays::split(name).is_some() { format!("|{name}|") } else { name.clone() };
+        rows.push(vec![shown, number(&r.gradient, name), number(&r.standard_error, name)]);
     }
     let mut text = format::table(&rows);
     if let Some(l) = &r.loss {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 use tyndall::error::{Error, Result};
 pub use tyndall::inverse::duration::duration;
+use tyndall::scene::arrays;
 use tyndall::scene::compile::{LoadOptions, Orders};
 
 /// Log and result format.
@@ -194,20 +195,28 @@ fn share(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
-/// The parameters of `--wrt`: without `$`, each once, none that is an array.
-pub fn parameters(wrt: &[String]) -> Result<Vec<String>> {
+/// The parameters of `--wrt`: without `$`, each once, none that is an array. `command`: who asks.
+pub fn parameters(wrt: &[String], command: &str) -> Result<Vec<String>> {
+    let names = parameters_and_arrays(wrt)?;
+    match names.iter().find(|n| arrays::split(n).is_some()) {
+        None => Ok(names),
+        Some(name) => Err(Error::usage(
+            format!("`--wrt {name}`: `{command}` takes `$parameters` only, no arrays"),
+            "an array has a gradient: `tyndall grad SCENE --wrt ID.vertices --loss l2 --target REF.exr`, or --adjoint A.exr; here \
+             give a `$parameter` of the scene: `tyndall info SCENE` lists them",
+        )),
+    }
+}
+
+/// The parameters of `--wrt`, arrays (`ID.vertices`) among them: without `$`, each once.
+pub fn parameters_and_arrays(wrt: &[String]) -> Result<Vec<String>> {
     let mut names: Vec<String> = Vec::with_capacity(wrt.len());
     for text in wrt {
         let name = text.trim().trim_start_matches('$');
         if name.is_empty() {
             return Err(Error::usage("`--wrt` has an empty name", "write --wrt a,b"));
         }
-        if let Some((object, array)) = name.split_once('.') {
-            return Err(Error::usage(
-                format!("`--wrt {name}`: derivatives by arrays (`{array}` of `{object}`) are not available yet"),
-                "differentiate by a `$parameter` of the scene: `tyndall info SCENE` lists them",
-            ));
-        }
+        arrays::known(name)?;
         if names.iter().any(|n| n == name) {
             return Err(Error::usage(format!("`--wrt` names `{name}` twice"), "give each name once"));
         }
@@ -240,7 +249,7 @@ mod tests {
 
     #[test]
     fn parameters_are_distinct_names() {
-        let names = |v: &[&str]| parameters(&v.iter().map(|s| s.to_string()).collect::<Vec<_>>());
+        let names = |v: &[&str]| parameters(&v.iter().map(|s| s.to_string()).collect::<Vec<_>>(), "check");
         assert_eq!(names(&["$a", "b"]).unwrap(), ["a", "b"]);
         for bad in [&["a", "$a"][..], &[""], &["smoke.sigma_t.grid"]] {
             assert!(names(bad).is_err(), "{bad:?}");

@@ -2,7 +2,7 @@
 
 use super::format;
 use super::log::Log;
-use super::options::{LogOptions, SceneOptions, parameters};
+use super::options::{LogOptions, SceneOptions, parameters_and_arrays};
 use clap::Args;
 use tyndall::error::{Error, Result};
 use tyndall::render::plan::Plan;
@@ -13,7 +13,7 @@ use tyndall::scene::SceneDesc;
 pub struct PlanArgs {
     #[command(flatten)]
     scene: SceneOptions,
-    /// Parameters to differentiate by
+    /// Parameters to differentiate by; ID.vertices: the vertices of a mesh
     #[arg(long, value_name = "A,B,...", value_delimiter = ',')]
     wrt: Vec<String>,
     #[command(flatten)]
@@ -22,7 +22,7 @@ pub struct PlanArgs {
 
 impl PlanArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
-        let wrt = parameters(&self.wrt)?;
+        let wrt = parameters_and_arrays(&self.wrt)?;
         let desc = SceneDesc::load(&self.scene.scene, &self.scene.define)?;
         let plan = Plan::new(&desc, &wrt)?;
         log.warnings(&desc.warnings);

@@ -79,8 +79,8 @@ pub struct Arrival {
     pub emission: Emission,
     /// Density per solid angle of drawing `w`; 0 for lights of zero measure (no other technique finds them).
     pub pdf: f64,
-    /// The shape that a clear ray ends on.
-    pub target: Option<u32>,
+    /// The shape that a clear ray ends on, and its face there.
+    pub target: Option<(u32, u32)>,
     /// Its normal there.
     pub n: DVec3,
 }

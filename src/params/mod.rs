@@ -1,10 +1,12 @@
 //! Parameters: which numbers of a scene can be differentiated (slots), and what a partial derivative means (sinks).
 //! The only place that knows forward from reverse.
 
+pub mod corners;
 pub mod mover;
 pub mod sink;
 pub mod slot;
 
+pub use corners::Corners;
 pub use mover::{Covector, Mover, Partial};
-pub use sink::{Both, Forward, Null, Reverse, Sink};
-pub use slot::{Block, Owner, ParamSet, Quantity, Slot, SlotTable};
+pub use sink::{Both, Forward, Gauge, Null, Reverse, Sink};
+pub use slot::{Array, Block, Owner, ParamSet, Quantity, Slot, SlotTable};

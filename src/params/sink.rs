@@ -46,6 +46,36 @@ impl Sink for Forward<'_> {
     }
 }
 
+/// How large a derivative is: K sums as [`Forward`] has them, and those over the slots of arrays.
+pub struct Gauge<'a> {
+    pub forward: Forward<'a>,
+    entries: Vec<(Slot, Rgb)>,
+}
+
+impl<'a> Gauge<'a> {
+    pub fn new(params: &'a ParamSet) -> Self {
+        Gauge { forward: Forward::new(params), entries: Vec::new() }
+    }
+
+    /// Sum of squares over slots of arrays; starts anew.
+    pub fn take_squares(&mut self) -> f64 {
+        self.entries.sort_by_key(|e| e.0);
+        let sums = self.entries.chunk_by(|a, b| a.0 == b.0).map(|e| e.iter().fold(Rgb::ZERO, |s, x| s + x.1));
+        let squares = sums.map(|s| s.dot(s)).sum();
+        self.entries.clear();
+        squares
+    }
+}
+
+impl Sink for Gauge<'_> {
+    fn add(&mut self, slot: Slot, partial: Rgb) {
+        self.forward.add(slot, partial);
+        if self.forward.params.arrays.iter().any(|a| a.range().contains(&(slot as usize))) {
+            self.entries.push((slot, partial));
+        }
+    }
+}
+
 /// To two sinks at once.
 pub struct Both<'a, A, B>(pub &'a mut A, pub &'a mut B);
 
@@ -60,18 +90,23 @@ impl<A: Sink, B: Sink> Sink for Both<'_, A, B> {
 /// Reverse mode: scatter into the gradient over slots, weighted by the adjoint of the pixel at hand.
 pub struct Reverse {
     pub adjoint: Rgb,
-    pub gradient: Vec<f64>,
+    /// Over scalar slots.
+    pub scalars: Vec<f64>,
+    /// Over the slots of arrays, which come after them.
+    pub arrays: Vec<f64>,
 }
 
 impl Reverse {
-    pub fn new(slots: usize) -> Self {
-        Reverse { adjoint: Rgb::ZERO, gradient: vec![0.0; slots] }
+    pub fn new(scalars: usize, arrays: Vec<f64>) -> Self {
+        Reverse { adjoint: Rgb::ZERO, scalars: vec![0.0; scalars], arrays }
     }
 }
 
 impl Sink for Reverse {
     #[inline]
     fn add(&mut self, slot: Slot, partial: Rgb) {
-        self.gradient[slot as usize] += self.adjoint.dot(partial);
+        let (slot, scalars) = (slot as usize, self.scalars.len());
+        let sum = if slot < scalars { &mut self.scalars[slot] } else { &mut self.arrays[slot - scalars] };
+        *sum += self.adjoint.dot(partial);
     }
 }

@@ -36,6 +36,8 @@ pub enum Quantity {
     Deformation,
     /// A perspective camera's tangent of half the field of view, and its principal point.
     Lens,
+    /// Vertices of a mesh, three numbers each, world space.
+    Vertices,
 }
 
 impl Quantity {
@@ -54,13 +56,14 @@ impl Quantity {
             Quantity::Shift => "shift",
             Quantity::Deformation => "deformation",
             Quantity::Lens => "lens",
+            Quantity::Vertices => "vertices",
         }
     }
 
     /// Whether it is a value at fixed points; otherwise something moves.
     pub fn is_value(self) -> bool {
-        use Quantity::{Angles, Deformation, Direction, Lens, Position, Shift};
-        !matches!(self, Position | Direction | Angles | Shift | Deformation | Lens)
+        use Quantity::{Angles, Deformation, Direction, Lens, Position, Shift, Vertices};
+        !matches!(self, Position | Direction | Angles | Shift | Deformation | Lens | Vertices)
     }
 }
 
@@ -85,15 +88,25 @@ pub struct Block {
     pub len: u32,
 }
 
-/// All blocks of a scene.
+/// All blocks of a scene. Arrays (vertices) have slots when they are asked for only, behind all others.
 #[derive(Clone, Debug, Default)]
 pub struct SlotTable {
     pub blocks: Vec<Block>,
     pub values: Vec<f64>,
+    /// Slots that every scene has; those of arrays come after them.
+    pub scalars: usize,
 }
 
 impl SlotTable {
     pub fn push(&mut self, owner: Owner, name: &str, quantity: Quantity, values: &[f64]) -> Slot {
+        debug_assert_eq!(self.scalars, self.values.len(), "arrays come last");
+        let first = self.push_array(owner, name, quantity, values);
+        self.scalars = self.values.len();
+        first
+    }
+
+    /// The slots of an array; no others may come after them.
+    pub fn push_array(&mut self, owner: Owner, name: &str, quantity: Quantity, values: &[f64]) -> Slot {
         let first = self.values.len() as Slot;
         self.blocks.push(Block { owner, name: name.into(), quantity, first, len: values.len() as u32 });
         self.values.extend_from_slice(values);
@@ -101,13 +114,32 @@ impl SlotTable {
     }
 }
 
-/// The parameters asked for: names, and the tangent of every slot with respect to each of them.
+/// An array of parameters: consecutive slots that are parameters themselves, row by row.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Array {
+    /// As in `--wrt`.
+    pub name: String,
+    pub first: Slot,
+    pub shape: Vec<usize>,
+}
+
+impl Array {
+    /// Its slots, as indices.
+    pub fn range(&self) -> std::ops::Range<usize> {
+        let first = self.first as usize;
+        first..first + self.shape.iter().product::<usize>()
+    }
+}
+
+/// The parameters asked for: K names with the tangent of every scalar slot with respect to each of them, and arrays.
 ///
 /// `tangent[slot * K + k] = d slot / d parameter k`. The same set serves both modes: forward contracts partials with it,
-/// reverse multiplies the slot gradient by its transpose.
+/// reverse multiplies the slot gradient by its transpose. Slots of arrays are parameters as they are, for reverse mode only.
 #[derive(Clone, Debug, Default)]
 pub struct ParamSet {
     pub names: Vec<String>,
+    pub arrays: Vec<Array>,
+    /// Of scalar slots.
     tangent: Vec<f64>,
     active: Vec<bool>,
 }
@@ -123,7 +155,15 @@ impl ParamSet {
             }
         }
         let active = (0..slots).map(|s| tangent[s * k..(s + 1) * k].iter().any(|&t| t != 0.0)).collect();
-        ParamSet { names, tangent, active }
+        ParamSet { names, arrays: Vec::new(), tangent, active }
+    }
+
+    /// With arrays besides, in a scene of so many slots.
+    #[must_use]
+    pub fn with_arrays(mut self, arrays: Vec<Array>, slots: usize) -> Self {
+        self.active.resize(slots, false);
+        arrays.iter().for_each(|a| self.active[a.range()].fill(true));
+        ParamSet { arrays, ..self }
     }
 
     /// The same with all slots still but those that `keep` takes.
@@ -133,18 +173,20 @@ impl ParamSet {
         for s in 0..p.active.len() {
             if p.active[s] && !keep(s as Slot) {
                 p.active[s] = false;
-                p.tangent[s * k..(s + 1) * k].fill(0.0);
+                p.tangent.get_mut(s * k..(s + 1) * k).into_iter().for_each(|t| t.fill(0.0));
             }
         }
         p
     }
 
+    /// K.
     pub fn len(&self) -> usize {
         self.names.len()
     }
 
+    /// Neither names nor arrays.
     pub fn is_empty(&self) -> bool {
-        self.names.is_empty()
+        self.names.is_empty() && self.arrays.is_empty()
     }
 
     /// Whether any parameter moves any slot at all.
@@ -162,13 +204,14 @@ impl ParamSet {
         (first..first + len).any(|s| self.is_active(s))
     }
 
+    /// Of a scalar slot by each name; of an array's none.
     #[inline]
     pub fn tangents(&self, slot: Slot) -> &[f64] {
         let k = self.names.len();
-        &self.tangent[slot as usize * k..(slot as usize + 1) * k]
+        self.tangent.get(slot as usize * k..(slot as usize + 1) * k).unwrap_or(&[])
     }
 
-    /// Gradient over parameters from the gradient over slots (the transpose).
+    /// Gradient over named parameters from the gradient over slots (the transpose).
     pub fn pull_back(&self, slot_gradient: &[f64]) -> Vec<f64> {
         let mut g = vec![0.0; self.len()];
         for (s, &x) in slot_gradient.iter().enumerate() {

@@ -3,16 +3,16 @@
 
 use super::film::{Film, FilmSpec, batch_ranges};
 use super::filter;
+use super::gradient::{Batches, Gradient, Size};
 use super::health::{Health, Mishap};
 use super::plan::Terms;
 use super::rooms::{self, Rooms};
 use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
-use crate::params::{Both, Forward, ParamSet, Reverse};
+use crate::params::{Both, Forward, Gauge, ParamSet, Reverse};
 use crate::scene::Scene;
 use crate::transport::{self, PathRecord, State, Sweep, SweepFacts, Tally, border};
-use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -146,11 +146,11 @@ impl Job<'_> {
             let mut tally = Tally::default();
             let value = match (sweep, params) {
                 (Some(sweep), Some(p)) => {
-                    let mut sink = Forward::new(p);
+                    let mut sink = Gauge::new(p);
                     let d = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX - 1, i);
                     let v = sweep.sample(state, d, &mut rec, &mut sink, &mut tally);
-                    interior += square(&sink.image);
-                    for (s, d) in sums[1..].iter_mut().zip(&sink.image) {
+                    interior += square(&sink.forward.image) + finite(sink.take_squares());
+                    for (s, d) in sums[1..].iter_mut().zip(&sink.forward.image) {
                         *s = f64::max(*s, finite(d.abs().max()));
                     }
                     v
@@ -159,13 +159,13 @@ impl Job<'_> {
             };
             sums[0] = sums[0].max(finite(value.abs().max()));
             if let (Some(rooms), Some(p)) = (rooms.as_ref(), params) {
-                let mut sink = Forward::new(p);
+                let mut sink = Gauge::new(p);
                 let mut image = vec![Rgb::ZERO; p.len()];
                 for room in 0..rooms.list.len() {
                     let mut most = |c: rooms::Contribution, square_sum: &mut f64| {
                         c.emit(&mut sink);
-                        sink.take(&mut image);
-                        *square_sum += square(&image);
+                        sink.forward.take(&mut image);
+                        *square_sum += square(&image) + finite(sink.take_squares());
                         for (s, d) in sums[1..].iter_mut().zip(&image) {
                             *s = f64::max(*s, finite(d.abs().max()));
                         }
@@ -234,48 +234,47 @@ impl Job<'_> {
         let pixels = self.width() * self.height();
         let tiles = pixels.div_ceil(TILE);
         let batches = batch_ranges(self.spp);
-        let slots = self.scene.slots.values.len();
-        let mut gradients: Vec<(Vec<f64>, u64)> = Vec::new();
+        let reverse = matches!(self.mode, Mode::Reverse(..));
+        let slots = &self.scene.slots;
+        let size = match reverse {
+            true => Size { scalars: slots.scalars, arrays: slots.values.len() - slots.scalars },
+            false => Size { scalars: 0, arrays: 0 },
+        };
+        let mut gradients = Batches::new(size);
         let (mut taken, mut error) = (0, f64::NAN);
         let mut target_reached = self.target_error.map(|_| false);
         let light_on_ray = std::sync::Mutex::new(None);
         for (index, &(first, n)) in batches.iter().enumerate() {
             let done = std::sync::atomic::AtomicUsize::new(0);
             let dropped = AtomicBool::new(false);
-            let per_tile: Vec<Option<Vec<f64>>> = (0..tiles)
-                .into_par_iter()
-                .map(|tile| {
-                    // A signal, or the time limit once a batch is done, ends the run between tiles; the open batch is dropped.
-                    let late = index > 0 && self.max_time.is_some_and(|t| start.elapsed() >= t);
-                    if late || self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
-                        dropped.store(true, Ordering::Relaxed);
-                        return None;
-                    }
-                    let range = tile * TILE..((tile + 1) * TILE).min(pixels);
-                    let g = self.tile(range, first..first + n, sweep.as_ref(), borders, rooms, &film, &light_on_ray);
-                    let k = done.fetch_add(1, Ordering::Relaxed) + 1;
-                    progress(Progress {
-                        done: (index as f64 + k as f64 / tiles as f64) / batches.len() as f64,
-                        elapsed: start.elapsed(),
-                        samples: taken * pixels as u64 + n * (k * pixels / tiles) as u64,
-                        error,
-                    });
-                    g
-                })
-                .collect();
-            let outward = rooms.map_or(Vec::new(), |r| self.outward(r, first..first + n, &film, &dropped));
+            let mut gradient = Gradient::new(size);
+            gradient.gather(tiles, reverse, |tile, sink| {
+                // A signal, or the time limit once a batch is done, ends the run between tiles; the open batch is dropped.
+                let late = index > 0 && self.max_time.is_some_and(|t| start.elapsed() >= t);
+                if late || self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
+                    dropped.store(true, Ordering::Relaxed);
+                    return;
+                }
+                let range = tile * TILE..((tile + 1) * TILE).min(pixels);
+                self.tile(range, first..first + n, sweep.as_ref(), borders, rooms, &film, &light_on_ray, sink);
+                let k = done.fetch_add(1, Ordering::Relaxed) + 1;
+                progress(Progress {
+                    done: (index as f64 + k as f64 / tiles as f64) / batches.len() as f64,
+                    elapsed: start.elapsed(),
+                    samples: taken * pixels as u64 + n * (k * pixels / tiles) as u64,
+                    error,
+                });
+            });
+            if let Some(r) = rooms {
+                self.outward(r, first..first + n, &film, &dropped, &mut gradient);
+            }
             if dropped.into_inner() {
                 film.discard_batch();
                 break;
             }
             film.end_batch(index as u64, n)?;
             taken += n;
-            // Tiles are summed in their order: the same bits for any number of threads.
-            let mut gradient = vec![0.0; slots];
-            for g in per_tile.into_iter().flatten().chain(outward) {
-                gradient.iter_mut().zip(&g).for_each(|(a, b)| *a += b);
-            }
-            gradients.push((gradient, n));
+            gradients.push(gradient, n);
             error = relative_error(&film);
             if self.target_error.is_some_and(|t| index >= 7 && error <= t) {
                 target_reached = Some(true);
@@ -289,7 +288,7 @@ impl Job<'_> {
         if taken == 0 {
             return Err(Error::Interrupted);
         }
-        let gradient = matches!(self.mode, Mode::Reverse(..)).then(|| combine(&gradients, slots));
+        let gradient = reverse.then(|| gradients.finish());
         let light_on_ray = light_on_ray.into_inner().unwrap_or(None);
         Ok(Outcome {
             film,
@@ -340,14 +339,15 @@ impl Job<'_> {
         }
     }
 
-    /// The outward pass of one batch: gradients in reverse mode, a block each.
+    /// The outward pass of one batch, cut into blocks.
     fn outward(
         &self,
         rooms: &Rooms,
         samples: std::ops::Range<u64>,
         film: &Film,
         dropped: &AtomicBool,
-    ) -> Vec<Vec<f64>> {
+        gradient: &mut Gradient,
+    ) {
         // (room, first sample, end) of every block.
         let mut blocks = Vec::new();
         for room in 0..rooms.list.len() {
@@ -359,23 +359,20 @@ impl Job<'_> {
                 first = next;
             }
         }
-        let block = |(room, first, end): (usize, u64, u64)| -> Option<Vec<f64>> {
+        gradient.gather(blocks.len(), matches!(self.mode, Mode::Reverse(..)), |k, sink| {
             if self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
                 dropped.store(true, Ordering::Relaxed);
-                return None;
+                return;
             }
-            let slots = self.scene.slots.values.len();
-            let mut reverse = matches!(self.mode, Mode::Reverse(..)).then(|| Reverse::new(slots));
+            let (room, first, end) = blocks[k];
             let mut tally = Tally::default();
             let start = Instant::now();
             for i in first..end {
-                rooms.outward(room, i, &mut tally, &mut |c| self.contribute(room, &c, film, &mut reverse));
+                rooms.outward(room, i, &mut tally, &mut |c| self.contribute(room, &c, film, sink));
             }
             rooms.add_time(room, start);
             count(&film.health, &tally);
-            reverse.map(|r| r.gradient)
-        };
-        blocks.into_par_iter().map(block).collect::<Vec<_>>().into_iter().flatten().collect()
+        });
     }
 
     /// The samples of one batch in some pixels.
@@ -388,9 +385,8 @@ impl Job<'_> {
         rooms: Option<&Rooms>,
         film: &Film,
         light_on_ray: &std::sync::Mutex<Option<[usize; 2]>>,
-    ) -> Option<Vec<f64>> {
-        let slots = self.scene.slots.values.len();
-        let mut reverse = matches!(self.mode, Mode::Reverse(..)).then(|| Reverse::new(slots));
+        reverse: &mut Option<Reverse>,
+    ) {
         let mut rec = sweep.map(|_| PathRecord::new());
         let k = if let Mode::Forward(p) = &self.mode { p.len() } else { 0 };
         let (mut images, mut at_borders) = (vec![Rgb::ZERO; k], vec![Rgb::ZERO; k]);
@@ -399,7 +395,7 @@ impl Job<'_> {
             let (x, y) = (self.crop[0] + pixel % self.width(), self.crop[1] + pixel / self.width());
             let mut sum = Rgb::ZERO;
             let (mut derivative, mut by_borders) = (vec![Rgb::ZERO; k], vec![Rgb::ZERO; k]);
-            if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut reverse, &self.mode) {
+            if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
                 r.adjoint = adjoint[pixel];
             }
             for s in samples.clone() {
@@ -409,7 +405,7 @@ impl Job<'_> {
                     (Some(sweep), Some(rec), mode) => {
                         let key = self.pixel_key(x, y);
                         let d = Rng::keyed(self.seed, Purpose::Derivative as u64, key, s);
-                        match (mode, &mut reverse) {
+                        match (mode, &mut *reverse) {
                             (Mode::Forward(_), _) => {
                                 let mut sink = Forward::new(sweep.params);
                                 let v = match borders {
@@ -461,13 +457,12 @@ impl Job<'_> {
                 for (s, rooms) in samples.clone().flat_map(|s| rooms.map(|r| (s, r))) {
                     let key = self.pixel_key(x, y);
                     rooms.along(room, [x, y], key, s, &mut tally, &mut |c| {
-                        self.contribute(room, &c, film, &mut reverse);
+                        self.contribute(room, &c, film, reverse);
                     });
                 }
             }
         }
         count(&film.health, &tally);
-        reverse.map(|r| r.gradient)
     }
 }
 
@@ -499,18 +494,4 @@ fn relative_error(film: &Film) -> f64 {
         mean += film.mean(0, p).mean().abs();
     }
     (variance / n as f64).sqrt() / (mean / n as f64)
-}
-
-/// Mean over batches (per sample) and its standard error.
-fn combine(batches: &[(Vec<f64>, u64)], slots: usize) -> (Vec<f64>, Vec<f64>) {
-    let samples: u64 = batches.iter().map(|b| b.1).sum();
-    let mean: Vec<f64> = (0..slots).map(|s| batches.iter().map(|b| b.0[s]).sum::<f64>() / samples as f64).collect();
-    let error = (0..slots)
-        .map(|s| {
-            let b = batches.len() as f64;
-            let squares: f64 = batches.iter().map(|(g, n)| (g[s] / *n as f64 - mean[s]).powi(2) * *n as f64).sum();
-            (squares / (b - 1.0) / samples as f64).sqrt()
-        })
-        .collect();
-    (mean, error)
 }

@@ -7,6 +7,7 @@ pub mod film;
 pub mod film_state;
 pub mod filter;
 mod font;
+pub mod gradient;
 pub mod health;
 pub mod plan;
 pub mod plot;

@@ -4,9 +4,9 @@
 
 use crate::error::{Error, Result};
 use crate::math::Dual;
-use crate::scene::SceneDesc;
 use crate::scene::desc::suggest;
 use crate::scene::parts::{LightKindPart, Movable, Parts, SurfacePart, VolumePart};
+use crate::scene::{SceneDesc, arrays};
 use crate::transport::border;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -308,8 +308,10 @@ impl Plan {
         let mut all: BTreeMap<Term, String> = BTreeMap::new();
         let mut missing = Vec::new();
         for name in wrt {
-            let dual = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
-            let motion = motion(&parts, &dual);
+            let motion = match arrays::split(name) {
+                Some(_) => motion_of_mesh(&parts, arrays::mesh(&parts, name)?),
+                None => motion(&parts, &Parts::read(desc, &desc.dual(desc.wrt(name)?))?),
+            };
             for (term, why) in needed(&facts, &motion) {
                 if !term.exists(&motion) {
                     missing.push((name.clone(), term, why));
@@ -388,6 +390,33 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     }
 }
 
+impl Motion {
+    /// A shape moves.
+    fn shape(&mut self, p: &Parts<f64>, i: usize) {
+        let s = &p.shapes[i];
+        match (&p.surfaces[s.surface], s.light) {
+            (SurfacePart::Null, light) => {
+                self.border |= s.interior.is_some() || s.exterior.is_some();
+                self.area_light |= light.is_some();
+            }
+            (_, Some(_)) => {
+                self.area_light = true;
+                // A lamp is opaque too: alone it hides nothing but itself.
+                self.opaque |=
+                    p.shapes.iter().filter(|s| !matches!(p.surfaces[s.surface], SurfacePart::Null)).count() > 1;
+            }
+            _ => self.opaque = true,
+        }
+    }
+}
+
+/// What moves where the vertices of a mesh do: other than a lamp that goes as a whole, it may shade itself.
+fn motion_of_mesh(p: &Parts<f64>, i: usize) -> Motion {
+    let mut m = Motion::default();
+    m.shape(p, i);
+    Motion { opaque: true, ..m }
+}
+
 /// What moves: which tangents of the parts are not zero.
 pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
     let slots = d.slots();
@@ -398,22 +427,7 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
             continue;
         }
         match what {
-            Movable::Shape(i) => {
-                let s = &p.shapes[i];
-                match (&p.surfaces[s.surface], s.light) {
-                    (SurfacePart::Null, light) => {
-                        m.border |= s.interior.is_some() || s.exterior.is_some();
-                        m.area_light |= light.is_some();
-                    }
-                    (_, Some(_)) => {
-                        m.area_light = true;
-                        // A lamp is opaque too: alone it hides nothing but itself.
-                        m.opaque |=
-                            p.shapes.iter().filter(|s| !matches!(p.surfaces[s.surface], SurfacePart::Null)).count() > 1;
-                    }
-                    _ => m.opaque = true,
-                }
-            }
+            Movable::Shape(i) => m.shape(p, i),
             Movable::LightPosition(_) => {
                 m.zero_measure_light = true;
                 m.local_light = true;

@@ -3,7 +3,7 @@
 use super::desc::SceneDesc;
 use super::geometry::Group;
 use super::parts::{LightKindPart, MediumPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart};
-use super::{Film, Instance, Scene, Settings};
+use super::{Film, Instance, Scene, Settings, arrays};
 use crate::error::{Error, Result, Warning, WarningKind};
 use crate::light::envmap::Envmap;
 use crate::light::{Light, LightKind, Place};
@@ -22,7 +22,7 @@ use std::sync::Arc;
 const PATH_CAP: u64 = 50_000_000;
 
 /// See [`Scene::uniform_share`].
-const UNIFORM_SHARE: f64 = 0.25;
+pub(super) const UNIFORM_SHARE: f64 = 0.25;
 
 /// Derivative vertices take over from collision scores below this many collisions per extent of a medium.
 const KAPPA_SHARE: f64 = 0.3;
@@ -125,14 +125,17 @@ impl Scene {
         Ok(scene)
     }
 
-    /// The tangents of all slots with respect to the named parameters.
+    /// The tangents of all scalar slots with respect to the named parameters, and the arrays among them, which must be open ([`Scene::open`]).
     pub fn param_set(&self, desc: &SceneDesc, names: &[String]) -> Result<ParamSet> {
+        let (arrays, names): (Vec<&String>, Vec<&String>) = names.iter().partition(|n| arrays::split(n).is_some());
+        let arrays = arrays.into_iter().map(|name| self.array(desc, name)).collect::<Result<_>>()?;
         let mut columns = Vec::new();
-        for name in names {
+        for name in &names {
             let parts = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
             columns.push(parts.slots().into_iter().flat_map(|s| s.values).map(|x| x.d[0]).collect());
         }
-        Ok(ParamSet::new(names.to_vec(), &columns, self.slots.values.len()))
+        let set = ParamSet::new(names.into_iter().cloned().collect(), &columns, self.slots.scalars);
+        Ok(set.with_arrays(arrays, self.slots.values.len()))
     }
 }
 
@@ -230,6 +233,7 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
         exterior: s.exterior.map(|i| i as u32),
         light: s.light.map(|i| i as u32),
         mover,
+        vertices: None,
         face_normals: s.face_normals,
     })
 }

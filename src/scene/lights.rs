@@ -170,7 +170,7 @@ impl Scene {
                     factor: 1.0 / d.pdf_solid_angle,
                     emission: light.emission(Rgb::ONE),
                     pdf: d.pdf_solid_angle,
-                    target: Some(shape),
+                    target: Some((shape, 0)),
                     n: d.n,
                 });
             }
@@ -186,7 +186,7 @@ impl Scene {
         }
         let pdf = q.pdf_area * r2 / cos;
         let emission = light.emission(Rgb::ONE);
-        Some(Arrival { w, distance: r, factor: 1.0 / pdf, emission, pdf, target: Some(shape), n: q.n })
+        Some(Arrival { w, distance: r, factor: 1.0 / pdf, emission, pdf, target: Some((shape, q.face)), n: q.n })
     }
 
     /// Density per solid angle at `from` of drawing the direction `w` that met `hit` on the area light `id`.

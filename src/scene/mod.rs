@@ -1,10 +1,12 @@
 //! Scenes: from a description (XML) to what can be rendered.
 
 pub mod advice;
+pub mod arrays;
 pub mod compile;
 pub mod desc;
 pub mod geometry;
 pub mod lights;
+pub mod matter;
 pub mod nearest;
 pub mod node;
 pub mod parts;
@@ -45,6 +47,8 @@ pub struct Instance {
     pub exterior: Option<u32>,
     pub light: Option<u32>,
     pub mover: Mover,
+    /// Slots of a mesh's vertices, where they are parameters ([`Scene::open`]).
+    pub vertices: Option<Slot>,
     /// Shade with the face's own normal even where the mesh has others.
     pub face_normals: bool,
 }
@@ -76,7 +80,8 @@ impl Scene {
     /// Slots whose motion is a border's, all of it term N.
     pub fn moves_a_border(&self, slot: Slot) -> bool {
         let holds = |s: &Instance| (s.mover.first..s.mover.first + Mover::SLOTS).contains(&slot);
-        self.shapes.iter().any(|s| self.is_border(s) && holds(s))
+        // Vertices of borders are never open.
+        (slot as usize) < self.slots.scalars && self.shapes.iter().any(|s| self.is_border(s) && holds(s))
     }
 }
 

@@ -16,6 +16,8 @@ pub struct TriangleMesh {
     /// One a vertex: shading only. The geometric normal comes from the winding.
     pub normals: Option<Arc<[DVec3]>>,
     pub uvs: Option<Arc<[DVec2]>>,
+    /// Of each vertex its number among the positions of its file, where these stand in another order.
+    pub file_order: Option<Arc<[u32]>>,
     /// How coarse the coordinates of the source are, in world units: one f32 ulp of its largest coordinate for a
     /// file, one f64 ulp otherwise. Welding rests on it.
     pub rounding: f64,
@@ -52,6 +54,7 @@ impl TriangleMesh {
             faces: faces.into(),
             normals: normals.map(Into::into),
             uvs: uvs.map(Into::into),
+            file_order: None,
             rounding: f64::EPSILON * magnitude,
             areas: OnceLock::new(),
             topology: OnceLock::new(),
@@ -127,8 +130,17 @@ impl TriangleMesh {
     }
 
     fn replaced(&self, vertices: Arc<[DVec3]>, faces: Arc<[[u32; 3]]>, rounding: f64) -> Self {
-        let (normals, uvs) = (self.normals.clone(), self.uvs.clone());
-        TriangleMesh { vertices, faces, normals, uvs, rounding, areas: OnceLock::new(), topology: OnceLock::new() }
+        let (normals, uvs, file_order) = (self.normals.clone(), self.uvs.clone(), self.file_order.clone());
+        TriangleMesh {
+            vertices,
+            faces,
+            normals,
+            uvs,
+            file_order,
+            rounding,
+            areas: OnceLock::new(),
+            topology: OnceLock::new(),
+        }
     }
 
     pub fn corners(&self, face: u32) -> [DVec3; 3] {

@@ -122,7 +122,7 @@ impl Obj {
         }
         let any = |k: usize| self.triangles.iter().flatten().any(|c| c[k].is_some());
         let (any_uv, any_normal) = (any(1), any(2));
-        let (mut vertices, mut uvs, mut normals) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut vertices, mut uvs, mut normals, mut order) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut known: HashMap<(Corner, usize), u32> = HashMap::new();
         let mut faces = Vec::with_capacity(self.triangles.len());
         for (f, corners) in self.triangles.iter().enumerate() {
@@ -134,6 +134,7 @@ impl Obj {
                 let owner = if any_normal && corner[2].is_none() { f } else { usize::MAX };
                 *known.entry((corner, owner)).or_insert_with(|| {
                     vertices.push(position(corner));
+                    order.push(corner[0].unwrap_or(0));
                     uvs.push(corner[1].map_or(DVec2::ZERO, |i| self.uvs[i as usize]));
                     normals.push(corner[2].map_or(flat, |i| self.normals[i as usize]));
                     vertices.len() as u32 - 1
@@ -144,7 +145,10 @@ impl Obj {
             return Err("more vertices or triangles than 32 bits can number".into());
         }
         let (normals, uvs) = (any_normal.then_some(normals), any_uv.then_some(uvs));
-        Ok(TriangleMesh::new(vertices, faces, normals, uvs)?.rounded_to_f32())
+        let same = order.len() == self.positions.len() && order.iter().enumerate().all(|(k, &i)| i as usize == k);
+        let mut mesh = TriangleMesh::new(vertices, faces, normals, uvs)?.rounded_to_f32();
+        mesh.file_order = (!same).then(|| order.into());
+        Ok(mesh)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Shapes that pass through each other: the curve where they meet is seen as an edge, but is none of either, and no room knows how it moves.
+//! Shapes that pass through each other, and meshes that bend through themselves: the curve where they meet is seen as an edge, but is none of either, and no room knows how it moves.
 
 use super::Motion;
 use crate::math::{DVec3, warp};
@@ -13,15 +13,15 @@ const PIECES: usize = 64;
 /// Ends of a line count as touching up to this share of it, and lines that are parallel to a surface up to this cosine.
 const TOUCHES: f64 = 1e-4;
 
-/// Two opaque shapes of which one runs through the other, where either moves or the camera does; what it looks at are lines on the shapes.
+/// Two opaque shapes (or twice the same) of which one runs through the other, where either moves or the camera does; what it looks at are lines on the shapes.
 pub fn find(scene: &Scene, motion: &Motion) -> Option<(u32, u32)> {
     let through = |owner: u32, faces: &[(u32, Vec<u32>)], a: DVec3, b: DVec3| {
         let length = (b - a).length();
         let w = (b - a) / length;
         let hit = scene.opaque_past(a + w * (TOUCHES * length), w, length * (1.0 - 2.0 * TOUCHES), faces)?;
         let concerned = motion.moving.camera || motion.moves(owner) || motion.moves(hit.shape);
-        (faces.iter().all(|f| f.0 != hit.shape) && concerned && hit.n.dot(w).abs() > TOUCHES)
-            .then_some((owner, hit.shape))
+        let other = faces.iter().all(|f| f.0 != hit.shape) || motion.moving.bends(hit.shape);
+        (other && concerned && hit.n.dot(w).abs() > TOUCHES).then_some((owner, hit.shape))
     };
     let edges = motion.edges(scene);
     let step = edges.len().div_ceil(EDGES).max(1);

@@ -1,11 +1,10 @@
 //! The ends of a segment that grazes an edge: what light leaves the far one, by number of scatterings, and how either moves.
 
 use super::Context;
-use super::sheet::Partials;
+use super::sheet::{Grazed, Partials};
 use crate::math::equiangular::EquiAngular;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Rgb};
-use crate::params::Partial;
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::sensor::Projected;
 use crate::shape::{Geometry, Shape};
@@ -292,7 +291,7 @@ pub fn motion(cx: &Context, point: &Point, watch: &Watch, c: DVec3, out: &mut Pa
         _ if watch.itself => watch.first.velocity.clone(),
         Point::Surface(h) => {
             let (carried, _) = Moving::on_surface(&watch.first, h.p);
-            let own = moving.moves(h.shape).then(|| Velocity::of(Source::Shape(h.shape), h.p));
+            let own = moving.moves(h.shape).then(|| Velocity::of(Source::at(h), h.p));
             let own = own.map_or(carried.clone(), |v| v.plus(1.0, &carried));
             let shape = &scene.shapes[h.shape as usize].shape;
             match Attached::new(shape, watch.p, h.p, h.n).filter(|_| watch.next) {
@@ -306,9 +305,12 @@ pub fn motion(cx: &Context, point: &Point, watch: &Watch, c: DVec3, out: &mut Pa
     velocity.forms(scene, cx.sensor, c, |p| out.push(p));
 }
 
-/// `<c, v>` of a point that goes with a shape.
-pub fn material(scene: &Scene, shape: u32, p: DVec3, c: DVec3) -> [Partial; 4] {
-    scene.shapes[shape as usize].mover.forms(p, c)
+/// `<c, v>` of a point of an outline, which goes with what is grazed there: all of it alike, so that the first face tells.
+pub fn material(scene: &Scene, grazed: Grazed, p: DVec3, c: DVec3, out: &mut Partials) {
+    if let Some((shape, faces)) = grazed.first() {
+        let face = faces.first().copied().unwrap_or(0);
+        scene.matter(*shape, face).forms(p, c, |f| out.push(f));
+    }
 }
 
 /// How far from an edge toward the middle of its face radiance is asked for, in scene radii, and as a share of the way at most. Embree's f32

@@ -470,9 +470,7 @@ impl Graze {
         let (ds, dd) = (distance, far.distance);
         let (share_s, share_d) = if dd == f64::INFINITY { (1.0, 0.0) } else { (dd / (ds + dd), ds / (ds + dd)) };
         let mut p = Partials::default();
-        if let Some((shape, _)) = self.grazed().first() {
-            p.extend(ends::material(cx.scene, *shape, b, -n));
-        }
+        ends::material(cx.scene, self.grazed(), b, -n, &mut p);
         ends::motion(cx, &far.at, &watch.later(), n * share_d, &mut p);
         ends::motion(cx, near, watch, n * share_s, &mut p);
         p

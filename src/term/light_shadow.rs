@@ -67,10 +67,8 @@ impl Shadow {
             p.push(Partial { slot, v, len: 3 });
         }
         if self.surfaces {
-            if let Some((shape, _)) = grazed.first() {
-                let lambda = if ray.distant { 1.0 } else { rho / ray.near };
-                p.extend(ends::material(cx.scene, *shape, ray.at(ray.near), ray.n * -lambda));
-            }
+            let lambda = if ray.distant { 1.0 } else { rho / ray.near };
+            ends::material(cx.scene, grazed, ray.at(ray.near), ray.n * -lambda, &mut p);
             ends::motion(cx, point, watch, ray.n, &mut p);
         }
         p

@@ -93,7 +93,8 @@ pub fn clear(
 ) -> Option<Rgb> {
     let emission = Emission { first: crate::medium::NO_SLOT, per_channel: true, unit: Rgb::ONE, value: Rgb::ONE };
     // A way that ends on a surface stops a rounding short of it.
-    let a = Arrival { w, distance, factor: 1.0, emission, pdf: 0.0, target: to_surface.then_some(0), n: DVec3::ZERO };
+    let a =
+        Arrival { w, distance, factor: 1.0, emission, pdf: 0.0, target: to_surface.then_some((0, 0)), n: DVec3::ZERO };
     let mut rec = NoRecord;
     let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
     let t = transmit::shadow(&mut walker, rng, medium, p, on, &a);

@@ -25,7 +25,7 @@ pub mod surface_edge;
 use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::math::rng::Rng;
-use crate::params::{Mover, ParamSet, Partial, Slot};
+use crate::params::{ParamSet, Partial, Slot};
 use crate::scene::{Scene, Settings};
 use crate::sensor::Sensor;
 use crate::shape::Shape;
@@ -85,9 +85,7 @@ impl Motion {
         };
         let moving = Moving::new(scene, sensor, params)?;
         let others = moving.any();
-        let glows = |s: &&crate::scene::Instance| {
-            scene.is_null(s) && s.light.is_some() && (others || params.block_active(s.mover.first, Mover::SLOTS))
-        };
+        let glows = |s: &&crate::scene::Instance| scene.is_null(s) && s.light.is_some() && (others || s.moves(params));
         let glowing_null = scene.shapes.iter().find(glows).map(|s| s.name.clone());
         let lights = scene.lights.iter().map(motion).collect();
         Ok(Motion { lights, moving, glowing_null, edges: OnceLock::new() })
@@ -145,6 +143,15 @@ impl Motion {
         if self.surfaces() {
             if let Some((a, b)) = crossings::find(scene, self) {
                 let name = |k: u32| &scene.shapes[k as usize].name;
+                if a == b {
+                    return Err(Error::usage(
+                        format!(
+                            "the mesh `{}` passes through itself: how the curve where it does moves cannot be told yet",
+                            name(a)
+                        ),
+                        "cut the mesh along that curve",
+                    ));
+                }
                 return Err(Error::usage(
                     format!(
                         "the shapes `{}` and `{}` pass through each other: how the curve where they meet moves cannot be told yet",

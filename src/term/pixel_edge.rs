@@ -76,9 +76,7 @@ impl Room for PixelEdge {
         let jump = transmittance * (light.shown(cx.set, 0) - blocked);
 
         let mut partials = Partials::default();
-        if let Some((shape, _)) = grazed.first() {
-            partials.extend(ends::material(scene, *shape, e, -ray.n));
-        }
+        ends::material(scene, grazed, e, -ray.n, &mut partials);
         if self.camera {
             partials.extend(cx.sensor.forms(e, ray.n));
         }

@@ -9,8 +9,8 @@
 
 use super::record::{Face, MediumSpan};
 use crate::math::{DVec3, Rgb};
-use crate::params::{Covector, Mover, ParamSet, Sink};
-use crate::scene::{Instance, Scene};
+use crate::params::{Covector, ParamSet, Sink};
+use crate::scene::Scene;
 use crate::shape::Geometry;
 
 /// As in `--terms`, EXR layers and reports.
@@ -29,15 +29,14 @@ pub struct Place {
     pub medium: u32,
     pub p: DVec3,
     pub w: DVec3,
-    pub shape: u32,
+    pub on: Face,
     /// On v: what gives ṫ, with the sign of the end.
     pub form: DVec3,
 }
 
 impl Borders {
     pub fn new(scene: &Scene, params: &ParamSet) -> Borders {
-        let moves = |s: &Instance| params.block_active(s.mover.first, Mover::SLOTS);
-        let moving: Vec<bool> = scene.shapes.iter().map(|s| scene.is_border(s) && moves(s)).collect();
+        let moving: Vec<bool> = scene.shapes.iter().map(|s| scene.is_border(s) && s.moves(params)).collect();
         Borders { any: moving.iter().any(|&m| m), moving }
     }
 
@@ -58,7 +57,7 @@ impl Borders {
             let n = scene.shapes[face.shape as usize].shape.normal(face.face, p);
             let cos = n.dot(span.w);
             let form = n * (sign / cos);
-            form.is_finite().then_some(Place { medium: span.medium, p, w: span.w, shape: face.shape, form })
+            form.is_finite().then_some(Place { medium: span.medium, p, w: span.w, on: face, form })
         };
         [place(span.from, span.t0, -1.0), place(span.to, span.t1, 1.0)]
     }
@@ -69,7 +68,7 @@ impl Place {
     pub fn score(&self, scene: &Scene, value: Rgb, sink: &mut impl Sink) {
         let mut c = Covector::default();
         c.add(self.form, value);
-        scene.shapes[self.shape as usize].mover.point(self.p, &c, sink);
+        scene.matter(self.on.shape, self.on.face).point(self.p, &c, sink);
     }
 
     /// How much the place is worth as a candidate, for a weight of 1.

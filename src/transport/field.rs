@@ -15,7 +15,7 @@
 use super::velocity::{Rate, Source, Velocity};
 use crate::error::Result;
 use crate::math::{DMat3, DVec3};
-use crate::params::{Mover, ParamSet, Slot};
+use crate::params::{ParamSet, Slot};
 use crate::scene::geometry::Group;
 use crate::scene::nearest::Kind;
 use crate::scene::{Instance, Scene};
@@ -24,7 +24,7 @@ use std::fmt;
 use std::sync::Arc;
 
 /// What moves alike has one number; what stands still, or is no opaque shape, none. Two fields of velocities are one if four points in
-/// general position move alike.
+/// general position move alike. A mesh whose vertices move is like no other.
 pub fn classes(scene: &Scene, params: &ParamSet) -> Vec<Option<u32>> {
     let probes = scene.bounds.probes();
     let velocities = |s: &Instance| -> Vec<f64> {
@@ -39,12 +39,17 @@ pub fn classes(scene: &Scene, params: &ParamSet) -> Vec<Option<u32>> {
         let size = a.iter().chain(b).fold(0.0f64, |m, x| m.max(x.abs()));
         a.iter().zip(b).all(|(x, y)| (x - y).abs() <= 1e-9 * size)
     };
-    let mut fields: Vec<Vec<f64>> = Vec::new();
+    // None is like no other.
+    let mut fields: Vec<Option<Vec<f64>>> = Vec::new();
     let class = |s: &Instance| {
-        let moves = !scene.is_null(s) && params.block_active(s.mover.first, Mover::SLOTS);
+        let moves = !scene.is_null(s) && s.moves(params);
+        if moves && s.bends(params) {
+            fields.push(None);
+            return Some(fields.len() as u32 - 1);
+        }
         let f = moves.then(|| velocities(s))?;
-        let at = fields.iter().position(|g| alike(&f, g)).unwrap_or_else(|| {
-            fields.push(f);
+        let at = fields.iter().position(|g| g.as_ref().is_some_and(|g| alike(&f, g))).unwrap_or_else(|| {
+            fields.push(Some(f));
             fields.len() - 1
         });
         Some(at as u32)
@@ -201,7 +206,7 @@ impl Field {
             // share = 1 - d²/sum: by d, and by s.
             let (by_d, by_s) = (-2.0 * d * s * s / (sum * sum), 2.0 * s * d * d / (sum * sum));
             let slope = toward * (slope / class.reach * share + k * by_d) + away * (k * by_s);
-            pulls.push(Pull { source: Source::Shape(near.shape), weight: k * share, slope });
+            pulls.push(Pull { source: Source::Shape { shape: near.shape, face: near.face }, weight: k * share, slope });
         }
         for f in &self.followed {
             let off = y - f.p;
@@ -221,8 +226,8 @@ impl Field {
         for pull in self.pulls(scene, y) {
             let own = Velocity::of(pull.source, y);
             rate.add(&own, pull.slope);
-            if let Source::Shape(k) = pull.source {
-                rate.add_divergence(k, pull.weight);
+            if let Source::Shape { shape, .. } = pull.source {
+                rate.add_divergence(shape, pull.weight);
             }
             v = v.plus(1.0, &own.mapped(DMat3::from_diagonal(DVec3::splat(pull.weight))));
         }

@@ -140,13 +140,13 @@ impl FilmLine<'_> {
         match stop {
             Stop::Free => camera,
             Stop::Border(n) => camera.mapped(onto(*n, w)),
-            Stop::Opaque { shape, n, .. } => {
+            Stop::Opaque { shape, face, n } => {
                 let on = camera.mapped(onto(*n, w));
                 if self.field.class(*shape).is_none() {
                     return on;
                 }
                 let slide = outer(w, *n) * (1.0 / n.dot(w));
-                on.plus(1.0, &Velocity::of(Source::Shape(*shape), p).mapped(slide))
+                on.plus(1.0, &Velocity::of(Source::Shape { shape: *shape, face: *face }, p).mapped(slide))
             }
         }
     }
@@ -171,7 +171,7 @@ impl FilmLine<'_> {
         if self.field.follows() {
             let mut e = first.velocity.clone();
             if self.field.class(hit.shape).is_some() {
-                e = e.plus(-1.0, &Velocity::of(Source::Shape(hit.shape), hit.p));
+                e = e.plus(-1.0, &Velocity::of(Source::at(hit), hit.p));
             }
             first.excess = self.excess(hit.p, e, Some((hit.shape, hit.face, hit.n)), true);
         }

@@ -35,15 +35,18 @@ pub struct Moving {
     any: bool,
     /// Lights that the medium around them follows.
     followed: Vec<u32>,
+    /// Meshes whose vertices are parameters.
+    bending: Vec<bool>,
 }
 
 impl Moving {
     pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Result<Moving> {
         let classes = classes(scene, params);
         let camera = sensor.moves(params);
+        let bending = scene.shapes.iter().map(|s| s.bends(params)).collect();
         let followed: Vec<u32> = (0..scene.lights.len() as u32).filter(|&i| follows(scene, params, i)).collect();
         let any = camera || !followed.is_empty() || classes.iter().any(Option::is_some);
-        Ok(Moving { any, field: Field::new(scene, classes, &followed)?, camera, followed })
+        Ok(Moving { any, field: Field::new(scene, classes, &followed)?, camera, followed, bending })
     }
 
     pub fn any(&self) -> bool {
@@ -57,6 +60,11 @@ impl Moving {
 
     pub fn moves(&self, shape: u32) -> bool {
         self.field.class(shape).is_some()
+    }
+
+    /// Whether a shape moves other than by an affine field.
+    pub fn bends(&self, shape: u32) -> bool {
+        self.bending[shape as usize]
     }
 
     pub fn film_line<'a>(&'a self, scene: &'a Scene) -> FilmLine<'a> {
@@ -88,7 +96,7 @@ fn follows(scene: &Scene, params: &ParamSet, light: u32) -> bool {
 #[derive(Clone, Debug)]
 enum Tip {
     /// A surface point: its shape's matter, what it does on top of it, and what its own segments ask of its velocity and of its normal.
-    Surface { shape: u32, p: DVec3, n: DVec3, carried: Velocity, spread: Rate, at: Covector, turn: Covector },
+    Surface { shape: u32, face: u32, p: DVec3, n: DVec3, carried: Velocity, spread: Rate, at: Covector, turn: Covector },
     /// A medium point; `turned`: on how the segment's direction turns there.
     Medium { p: DVec3, velocity: Velocity, turned: Covector },
     /// A light with a position and no extent; where the medium does not follow it, its own motion is [`super::aim`]'s.
@@ -143,10 +151,10 @@ impl Chain {
 impl<S: Sink> Chained<'_, S> {
     fn tip(&self, end: End) -> Tip {
         match end {
-            End::Shape { shape, p, n } => {
+            End::Shape { shape, face, p, n } => {
                 let (carried, spread) = Moving::on_surface(self.first, p);
                 let (at, turn) = (Covector::default(), Covector::default());
-                Tip::Surface { shape, p, n, carried, spread, at, turn }
+                Tip::Surface { shape, face, p, n, carried, spread, at, turn }
             }
             End::Point(light) => Tip::Point(light),
             End::Infinity(w) => Tip::Infinity(w),
@@ -383,7 +391,7 @@ impl<'a> Vertex<'a> {
         self.at += near;
         match &leg.tip {
             Tip::Medium { velocity, .. } => velocity.apply(scene, cx.sensor, &far, cx.sink),
-            Tip::Surface { shape, n, carried, spread, at, turn, .. } => {
+            Tip::Surface { shape, face, n, carried, spread, at, turn, .. } => {
                 let mut turned = Covector::default();
                 turned.add(w, value * (kept / n.dot(w)));
                 if let Some(a) = &attached {
@@ -396,11 +404,11 @@ impl<'a> Vertex<'a> {
                     self.at += form;
                     far += form.scaled(-1.0);
                 }
-                move_surface(cx, *shape, p, *n, &far, &turned, carried);
+                move_surface(cx, [*shape, *face], p, *n, &far, &turned, carried);
                 // Of the Jacobian the vertex itself has counted what its own segments brought.
                 let counts = leg.emitted + value * (kept - 1.0);
                 if cx.moving.moves(*shape) {
-                    scene.shapes[*shape as usize].mover.area(*n, counts, cx.sink);
+                    scene.matter(*shape, *face).area(*n, counts, cx.sink);
                 }
                 spread.apply(scene, cx.sensor, counts, cx.sink);
             }
@@ -422,13 +430,13 @@ impl<'a> Vertex<'a> {
             }
             Place::Surface(hit) => {
                 let (carried, spread) = Moving::on_surface(cx.first, hit.p);
-                move_surface(cx, hit.shape, hit.p, hit.ns, &self.at, &self.turn, &carried);
+                move_surface(cx, [hit.shape, hit.face], hit.p, hit.ns, &self.at, &self.turn, &carried);
                 if cx.moving.moves(hit.shape) {
-                    cx.scene.shapes[hit.shape as usize].mover.area(hit.n, after, cx.sink);
+                    cx.scene.matter(hit.shape, hit.face).area(hit.n, after, cx.sink);
                 }
                 spread.apply(cx.scene, cx.sensor, after, cx.sink);
                 let Vertex { at, turn, .. } = self;
-                Tip::Surface { shape: hit.shape, p: hit.p, n: hit.n, carried, spread, at, turn }
+                Tip::Surface { shape: hit.shape, face: hit.face, p: hit.p, n: hit.n, carried, spread, at, turn }
             }
         }
     }
@@ -446,8 +454,8 @@ impl<'a> Vertex<'a> {
                 // Sliding over the matter it sees another normal.
                 let mut over = first.velocity.clone();
                 if cx.moving.moves(hit.shape) {
-                    cx.scene.shapes[hit.shape as usize].mover.normal(hit.ns, &self.turn, cx.sink);
-                    over = over.plus(-1.0, &Velocity::of(Source::Shape(hit.shape), hit.p));
+                    cx.scene.matter(hit.shape, hit.face).normal(hit.ns, &self.turn, cx.sink);
+                    over = over.plus(-1.0, &Velocity::of(Source::at(hit), hit.p));
                 }
                 bend(cx, hit.shape, hit.p, hit.ns, &self.turn, &over);
             }
@@ -458,7 +466,7 @@ impl<'a> Vertex<'a> {
 /// `<at, ẋ> + <turn, ṅ>` for a surface point that moves over its matter with `carried`.
 fn move_surface<S: Sink>(
     cx: &mut Chained<S>,
-    shape: u32,
+    [shape, face]: [u32; 2],
     p: DVec3,
     n: DVec3,
     at: &Covector,
@@ -466,9 +474,9 @@ fn move_surface<S: Sink>(
     carried: &Velocity,
 ) {
     if cx.moving.moves(shape) {
-        let mover = &cx.scene.shapes[shape as usize].mover;
-        mover.point(p, at, cx.sink);
-        mover.normal(n, turn, cx.sink);
+        let matter = cx.scene.matter(shape, face);
+        matter.point(p, at, cx.sink);
+        matter.normal(n, turn, cx.sink);
     }
     if !carried.is_zero() {
         carried.apply(cx.scene, cx.sensor, at, cx.sink);

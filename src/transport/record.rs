@@ -74,8 +74,8 @@ pub struct Prefix {
 /// What a path ends on, as far as motion asks.
 #[derive(Clone, Copy, Debug)]
 pub enum End {
-    /// A point of a shape, its geometric normal.
-    Shape { shape: u32, p: DVec3, n: DVec3 },
+    /// A point of a shape's face, its geometric normal.
+    Shape { shape: u32, face: u32, p: DVec3, n: DVec3 },
     /// A light with a position and no extent; its own motion is [`Event::Aim`]'s.
     Point(u32),
     /// Nothing: this direction, unit, toward the light.
@@ -86,7 +86,7 @@ impl End {
     /// Of a connection from `o` to `light`.
     pub fn of(light: u32, o: DVec3, a: &Arrival) -> End {
         match a.target {
-            Some(shape) => End::Shape { shape, p: o + a.w * a.distance, n: a.n },
+            Some((shape, face)) => End::Shape { shape, face, p: o + a.w * a.distance, n: a.n },
             None if a.distance < f64::INFINITY => End::Point(light),
             None => End::Infinity(a.w),
         }

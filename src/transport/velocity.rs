@@ -2,23 +2,31 @@
 
 use crate::math::{DMat3, DVec3, Rgb};
 use crate::params::{Covector, Partial, Sink, Slot};
-use crate::scene::Scene;
+use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
 
 /// What moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    Shape(u32),
+    /// As matter of this face of a shape.
+    Shape { shape: u32, face: u32 },
     /// The position of a light that the medium around it follows.
     Light(u32),
     /// As part of its film point's ray.
     Camera,
 }
 
+impl Source {
+    /// The matter that a ray met.
+    pub fn at(hit: &Hit) -> Source {
+        Source::Shape { shape: hit.shape, face: hit.face }
+    }
+}
+
 /// Hands the partials of `<c, v>` out, v the velocity of `p` as part of the source.
 fn point(scene: &Scene, sensor: &Sensor, source: Source, p: DVec3, c: &Covector, sink: &mut impl Sink) {
     match source {
-        Source::Shape(k) => scene.shapes[k as usize].mover.point(p, c, sink),
+        Source::Shape { shape, face } => scene.matter(shape, face).point(p, c, sink),
         Source::Light(k) => {
             let first = scene.lights[k as usize].place.position;
             (0..3).for_each(|i| sink.add(first + i as Slot, c.0[i]));
@@ -77,7 +85,7 @@ impl Velocity {
         for (source, p, m) in &self.0 {
             let c = m.transpose() * c;
             match source {
-                Source::Shape(k) => scene.shapes[*k as usize].mover.forms(*p, c).into_iter().for_each(&mut out),
+                Source::Shape { shape, face } => scene.matter(*shape, *face).forms(*p, c, &mut out),
                 Source::Light(k) => out(Partial { slot: scene.lights[*k as usize].place.position, v: c, len: 3 }),
                 Source::Camera => sensor.forms(*p, c).into_iter().for_each(&mut out),
             }
@@ -98,7 +106,7 @@ impl Rate {
         self.forms.extend(x.0.iter().map(|&(s, p, m)| (s, p, m.transpose() * c)));
     }
 
-    /// Adds `w` times the divergence of a shape's motion.
+    /// Adds `w` times the divergence of a shape's affine motion: media follow no other.
     pub fn add_divergence(&mut self, shape: u32, w: f64) {
         self.spread.push((shape, w));
     }

@@ -386,7 +386,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 let l = &scene.lights[light as usize];
                 let ratio = connect::flight_ratio(scene, light, &s.flight, s.vertex);
                 let p = scene.selection(light) * scene.area_pdf(light, s.vertex, s.w, &hit) * ratio;
-                let end = End::Shape { shape: hit.shape, p: hit.p, n: hit.n };
+                let end = End::Shape { shape: hit.shape, face: hit.face, p: hit.p, n: hit.n };
                 self.emit(s, l.emission(Rgb::ONE), p, end);
             }
         }

@@ -1,0 +1,159 @@
+//! Gradients over slots, added up in an order that no thread changes.
+//!
+//! Over scalar slots every work item (a tile, a block of outward samples) has sums of its own, added in the items' order. Arrays may have millions of slots: there
+//! items share a bounded number of sums, whose number depends on the arrays' size alone. Item k adds to sum k mod n, one item after the other.
+
+use crate::params::Reverse;
+use rayon::prelude::*;
+
+/// What the shared sums of arrays may hold at a time, in bytes, within these numbers of sums.
+const SHARED: usize = 1 << 28;
+const SUMS: (usize, usize) = (8, 256);
+
+/// Numbers of slots.
+#[derive(Clone, Copy, Debug)]
+pub struct Size {
+    pub scalars: usize,
+    pub arrays: usize,
+}
+
+/// A gradient.
+#[derive(Clone, Debug, Default)]
+pub struct Gradient {
+    scalars: Vec<f64>,
+    arrays: Vec<f64>,
+}
+
+impl Size {
+    /// Sums that so many items share.
+    fn sums(&self, items: usize) -> usize {
+        match self.arrays {
+            0 => items,
+            n => (SHARED / (n * size_of::<f64>())).clamp(SUMS.0, SUMS.1).min(items),
+        }
+    }
+}
+
+impl Gradient {
+    pub fn new(size: Size) -> Self {
+        Gradient { scalars: vec![0.0; size.scalars], arrays: vec![0.0; size.arrays] }
+    }
+
+    /// Work on items `0..items`, each with a sink for it; `None` where no gradient is wanted.
+    pub fn gather(&mut self, items: usize, reverse: bool, work: impl Fn(usize, &mut Option<Reverse>) + Sync) {
+        let size = Size { scalars: self.scalars.len(), arrays: if reverse { self.arrays.len() } else { 0 } };
+        let sums = size.sums(items);
+        let share = |first: usize| {
+            let mut arrays = vec![0.0; size.arrays];
+            let own = (first..items).step_by(sums).map(|item| {
+                let mut sink = reverse.then(|| Reverse::new(size.scalars, std::mem::take(&mut arrays)));
+                work(item, &mut sink);
+                sink.map_or_else(Vec::new, |r| {
+                    arrays = r.arrays;
+                    r.scalars
+                })
+            });
+            (own.collect::<Vec<_>>(), arrays)
+        };
+        let shares: Vec<_> = (0..sums).into_par_iter().map(share).collect();
+        for item in 0..items {
+            add(&mut self.scalars, &shares[item % sums].0[item / sums]);
+        }
+        shares.iter().for_each(|s| add(&mut self.arrays, &s.1));
+    }
+}
+
+fn add(sum: &mut [f64], x: &[f64]) {
+    sum.iter_mut().zip(x).for_each(|(a, b)| *a += b);
+}
+
+/// Gradients of batches: their mean per sample, and its standard error.
+#[derive(Debug)]
+pub struct Batches {
+    scalars: Vec<(Vec<f64>, u64)>,
+    /// Of arrays the mean so far, and the weighed sum of squares about it.
+    mean: Vec<f64>,
+    squares: Vec<f64>,
+    samples: u64,
+}
+
+impl Batches {
+    pub fn new(size: Size) -> Self {
+        Batches { scalars: Vec::new(), mean: vec![0.0; size.arrays], squares: vec![0.0; size.arrays], samples: 0 }
+    }
+
+    /// The gradient of a batch of so many samples a pixel.
+    pub fn push(&mut self, g: Gradient, samples: u64) {
+        self.scalars.push((g.scalars, samples));
+        self.samples += samples;
+        let (n, total) = (samples as f64, self.samples as f64);
+        for ((mean, squares), x) in self.mean.iter_mut().zip(&mut self.squares).zip(g.arrays) {
+            let x = x / n;
+            let d = x - *mean;
+            *mean += d * n / total;
+            *squares += n * d * (x - *mean);
+        }
+    }
+
+    /// Mean and standard error, one number a slot: scalars, then arrays.
+    pub fn finish(self) -> (Vec<f64>, Vec<f64>) {
+        let (b, samples) = (self.scalars.len() as f64, self.samples as f64);
+        let slots = self.scalars.first().map_or(0, |b| b.0.len());
+        let mut mean: Vec<f64> =
+            (0..slots).map(|s| self.scalars.iter().map(|b| b.0[s]).sum::<f64>() / samples).collect();
+        let of = |s: usize| self.scalars.iter().map(|(g, n)| (g[s] / *n as f64 - mean[s]).powi(2) * *n as f64).sum();
+        let squares: Vec<f64> = (0..slots).map(of).collect();
+        let error = squares.into_iter().chain(self.squares).map(|s: f64| (s / (b - 1.0) / samples).sqrt()).collect();
+        mean.extend(self.mean);
+        (mean, error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Rgb;
+    use crate::params::Sink;
+
+    #[test]
+    fn sums_are_bounded_and_know_no_threads() {
+        let size = Size { scalars: 2, arrays: 1 << 22 };
+        assert_eq!(size.sums(1000), 8);
+        assert_eq!(Size { arrays: 0, ..size }.sums(1000), 1000);
+        assert_eq!(Size { arrays: 3, ..size }.sums(1000), 256);
+        assert_eq!(Size { arrays: 3, ..size }.sums(7), 7);
+        let small = Size { scalars: 2, arrays: 3 };
+        let sum = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut g = Gradient::new(small);
+            pool.install(|| {
+                g.gather(1001, true, |k, sink| {
+                    let r = sink.as_mut().unwrap();
+                    r.adjoint = Rgb::splat(1.0 / (k as f64 + 1.0));
+                    r.add((k % 5) as u32, Rgb::splat(0.1 + k as f64));
+                });
+            });
+            g
+        };
+        let (a, b) = (sum(1), sum(3));
+        assert_eq!((&a.scalars, &a.arrays), (&b.scalars, &b.arrays));
+        let one: f64 = (0..1001).filter(|k| k % 5 == 4).map(|k| 3.0 * (0.1 + k as f64) / (k as f64 + 1.0)).sum();
+        assert!((a.arrays[2] - one).abs() < 1e-9 * one);
+        let mut none = Gradient::new(small);
+        none.gather(10, false, |_, sink| assert!(sink.is_none()));
+        assert_eq!(none.arrays, [0.0; 3]);
+    }
+
+    /// Both ways to the error of a mean agree.
+    #[test]
+    fn errors_of_arrays_are_those_of_scalars() {
+        let size = Size { scalars: 1, arrays: 1 };
+        let mut batches = Batches::new(size);
+        for (k, n) in [5, 5, 4, 4, 4].into_iter().enumerate() {
+            let x = (k as f64).sin() * n as f64;
+            batches.push(Gradient { scalars: vec![x], arrays: vec![x] }, n);
+        }
+        let (mean, error) = batches.finish();
+        assert!((mean[0] - mean[1]).abs() < 1e-15 && (error[0] - error[1]).abs() < 1e-15 && error[0] > 0.1);
+    }
+}
