@@ -34,6 +34,11 @@ fn segment(a: DVec3, e: DVec3) -> DVec3 {
     if squared > 0.0 { a + e * (-a.dot(e) / squared).clamp(0.0, 1.0) } else { a }
 }
 
+/// Distance from `p` to the segment from `a` to `b`.
+pub fn to_segment(p: DVec3, a: DVec3, b: DVec3) -> f64 {
+    segment(a - p, b - a).length()
+}
+
 /// The foot of the origin on a plane figure of corner `a` and edges `e1`, `e2`, as an offset.
 enum Foot {
     Outside,

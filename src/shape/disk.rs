@@ -27,6 +27,16 @@ impl Disk {
         self.placement.cross_z0(o, w, t_min, t_max).filter(|(_, p)| p.length_squared() <= 1.0)
     }
 
+    /// Distance from `p` to the rim; of an ellipse no more than that.
+    pub fn to_rim(&self, p: DVec3) -> f64 {
+        let (x, y, n) = (self.placement.vector(DVec3::X), self.placement.vector(DVec3::Y), self.placement.normal(2));
+        // The shorter half axis: the smaller singular value of (x, y).
+        let (sum, area) = (x.length_squared() + y.length_squared(), x.cross(y).length());
+        let least = area * (2.0 / (sum + ((sum - 2.0 * area) * (sum + 2.0 * area)).max(0.0).sqrt())).sqrt();
+        let across = least * (self.placement.local_point(p).truncate().length() - 1.0);
+        across.hypot(n.dot(self.placement.offset(p)))
+    }
+
     /// The local point whose place is nearest to `p`: of all |q| <= 1 the least |M q - p|, with M the columns of x and y.
     ///
     /// Outside, (G + k) q = G f with G = M^T M, f the foot of `p` on the plane, and the k > 0 that makes |q| = 1. As a function of k

@@ -4,6 +4,7 @@
 
 use super::{Cube, Rectangle, Shape, TriangleMesh};
 use crate::math::DVec3;
+use crate::math::nearest::to_segment;
 use rayon::slice::ParallelSliceMut;
 
 /// An edge: two ends and its faces, each with a point of the face off the edge.
@@ -108,6 +109,22 @@ pub fn polygons(shape: &Shape) -> Vec<Edge> {
     }
 }
 
+/// Distance from `p` to where a face ends, or less: to its edges or rims; infinite for a sphere.
+pub fn to_border(shape: &Shape, face: u32, p: DVec3) -> f64 {
+    let polygon = |corners: &[DVec3]| {
+        let n = corners.len();
+        (0..n).map(|k| to_segment(p, corners[k], corners[(k + 1) % n])).fold(f64::INFINITY, f64::min)
+    };
+    match shape {
+        Shape::Mesh(m) => polygon(&m.corners(face)),
+        Shape::Rectangle(r) => polygon(&rectangle(r)),
+        Shape::Cube(c) => polygon(&cube(c)[face as usize]),
+        Shape::Disk(d) => d.to_rim(p),
+        Shape::Cylinder(c) => c.to_rims(p),
+        Shape::Sphere(_) => f64::INFINITY,
+    }
+}
+
 fn rectangle(r: &Rectangle) -> [DVec3; 4] {
     [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| r.placement.point(DVec3::new(x, y, 0.0)))
 }
@@ -143,7 +160,8 @@ fn of_polygons(faces: &[[DVec3; 4]]) -> Vec<Edge> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::DAffine3;
+    use crate::math::{DAffine3, DVec2};
+    use crate::shape::{Disk, Geometry};
 
     #[test]
     fn a_cube_has_twelve_edges_and_six_silhouettes_from_a_corner() {
@@ -157,6 +175,29 @@ mod tests {
         // In front of one face: its own four edges.
         let p = DVec3::new(0.1, 0.2, 3.0);
         assert_eq!(e.iter().filter(|e| e.covered_side((e.a - p).cross(e.b - p)) != 0.0).count(), 4);
+    }
+
+    #[test]
+    fn borders_of_faces() {
+        let at = |s: &Shape, face, p: [f64; 3]| to_border(s, face, p.into());
+        let r = Shape::Rectangle(Rectangle::new(DAffine3::from_scale(DVec3::new(3.0, 2.0, 1.0)), false).unwrap());
+        assert_eq!(
+            [at(&r, 0, [0.0, 0.5, 0.0]), at(&r, 0, [2.75, 0.0, 0.0]), at(&r, 0, [0.0, 5.0, 4.0])],
+            [1.5, 0.25, 5.0]
+        );
+        let c = Shape::Cube(Cube::new(DAffine3::IDENTITY, false).unwrap());
+        assert_eq!([at(&c, 1, [1.0, 0.5, 0.0]), at(&c, 0, [-1.0, 0.0, 0.0])], [0.5, 1.0]);
+        // Of an ellipse no more than there is.
+        let d = Disk::new(DAffine3::from_scale(DVec3::new(3.0, 2.0, 1.0)), false).unwrap();
+        let circle = Shape::Disk(Disk::new(DAffine3::from_scale(DVec3::splat(2.0)), false).unwrap());
+        assert_eq!([at(&circle, 0, [1.5, 0.0, 0.0]), at(&circle, 0, [0.0, 5.0, 4.0])], [0.5, 5.0]);
+        for k in 0..100 {
+            let p = DVec3::new(0.07 * f64::from(k) - 3.5, 0.4, 0.03 * f64::from(k % 7));
+            let rim = |j: u32| d.position(0, DVec2::new(1.0, f64::from(j) / 5000.0)).distance(p);
+            let least = (0..5000).map(rim).fold(f64::INFINITY, f64::min);
+            let told = d.to_rim(p);
+            assert!(told <= least + 1e-12 && told >= 0.3 * least, "{p}: {told} {least}");
+        }
     }
 
     #[test]

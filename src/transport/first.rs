@@ -16,6 +16,7 @@ use crate::math::{DMat3, DVec3};
 use crate::scene::nearest::Kind;
 use crate::scene::{Hit, Scene};
 use crate::shape::Shape;
+use crate::shape::edges::to_border;
 
 /// Radius of the ball over the distance to what it must not meet.
 const CLEAR: f64 = 0.9;
@@ -221,15 +222,15 @@ impl FilmLine<'_> {
             let rho = CLEAR * self.field.clearance(self.scene, x, None);
             return Some(Excess { x, e, guide: None, rho });
         };
-        let mut radius = CLEAR * self.field.clearance(self.scene, x, Some((shape, face)));
-        let guide = match &self.scene.shapes[shape as usize].shape {
+        let own = &self.scene.shapes[shape as usize].shape;
+        // Nor over where the face ends: no room counts what would leave it there.
+        let radius = CLEAR * self.field.clearance(self.scene, x, Some((shape, face))).min(to_border(own, face, x));
+        let guide = match own {
             Shape::Sphere(s) => {
                 let r = (x - s.center).length();
                 Guide::Sphere(s.center, (x - s.center) / r, r)
             }
             Shape::Cylinder(s) => {
-                // Points of the wall must not flow over its rims.
-                radius = radius.min(CLEAR * s.to_rims(x));
                 let m = s.from_axis(x);
                 Guide::Cylinder(s.base, s.axis, m.normalize(), m.length())
             }
