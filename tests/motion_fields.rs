@@ -4,9 +4,10 @@
 mod common;
 use common::{params, scene};
 use tyndall::math::rng::Rng;
-use tyndall::math::{DVec3, Rgb};
+use tyndall::math::{DVec2, DVec3, Rgb};
 use tyndall::params::{Covector, Forward, ParamSet};
 use tyndall::scene::{On, Scene};
+use tyndall::shape::Geometry;
 use tyndall::transport::first::{First, Seen};
 use tyndall::transport::motion::Moving;
 use tyndall::transport::record::MediumSpan;
@@ -156,6 +157,54 @@ fn first_vertices_carry_their_motion() {
                 for k in 0..4 {
                     let gap = (c.vector(&v, k) - c.vector(&slide, k)).dot(hit.n);
                     assert!(gap.abs() < 1e-9, "{} on the face: {gap}", NAMES[k]);
+                }
+            }
+        }
+    }
+    assert!(carried > 100);
+}
+
+/// Whatever a first vertex carries along a face that ends somewhere, nothing flows over its edge: no room counts that.
+#[test]
+fn nothing_is_carried_over_the_edge_of_a_face() {
+    let text = TEXT
+        .replace(
+            r#"<emitter type="point">"#,
+            r#"<shape type="rectangle"><transform name="to_world"><scale x="0.3" y="0.2"/><rotate y="1" angle="25"/><translate x="$x"/><translate y="1.4" z="0.6"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="disk"><transform name="to_world"><scale value="0.25"/><rotate x="1" angle="-30"/><translate x="$x"/><translate x="0.8" y="0.6" z="0.6"/></transform><bsdf type="diffuse"/></shape>
+  <emitter type="point">"#,
+        );
+    let (desc, scene) = scene(&text);
+    let params = params(&desc, &scene, &NAMES);
+    let moving = Moving::new(&scene, &scene.sensors[0], &params).unwrap();
+    let c = Case { scene, params, moving };
+    let (line, sensor) = (c.moving.film_line(&c.scene), &c.scene.sensors[0]);
+    let mut rng = Rng::keyed(5, 0, 0, 0);
+    let mut carried = 0;
+    for shape in [4u32, 5] {
+        let s = &c.scene.shapes[shape as usize].shape;
+        for _ in 0..60 {
+            let target = s.sample(rng.uniform(), rng.uniform()).p;
+            let q = sensor.project(target).unwrap();
+            let enter = c.scene.intersect(q.o, q.w, f64::INFINITY, &On::default(), None).unwrap();
+            let on = On::at(&enter);
+            let hit = c.scene.intersect(enter.p, q.w, f64::INFINITY, &on, Some(0)).unwrap();
+            assert_eq!(hit.shape, shape);
+            let span = MediumSpan::new(0, enter.p, q.w, hit.t, &on, Some(&hit));
+            let before = Seen::Medium { p: hit.p - q.w * (0.1 * rng.uniform()), span };
+            for first in [line.first(&before), line.first(&Seen::Surface { hit, w: q.w })] {
+                carried += usize::from(!Moving::on_surface(&first, hit.p).0.is_zero());
+                for _ in 0..50 {
+                    let (u, v) = (rng.uniform(), f64::from(u8::from(rng.uniform() < 0.5)));
+                    let edge = match (shape, rng.uniform() < 0.5) {
+                        (4, true) => DVec2::new(u, v),
+                        (4, false) => DVec2::new(v, u),
+                        // A disk's first coordinate is its radius.
+                        _ => DVec2::new(1.0, u),
+                    };
+                    let p = s.position(0, edge);
+                    let over = Moving::on_surface(&first, p).0;
+                    (0..4).for_each(|k| assert!(c.vector(&over, k).length() < 1e-12, "{shape}: {p}"));
                 }
             }
         }
