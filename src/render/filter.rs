@@ -14,12 +14,14 @@ pub fn sample(filter: Filter, rng: &mut Rng) -> f64 {
     }
 }
 
-/// The filter itself at offset `x`, in 1/pixels; its integral is 1.
+/// The filter itself at offset `x`, in 1/pixels; its integral is 1. Where it jumps, the mean of both sides: an edge of the picture that lies on the
+/// border of two pixels belongs to each by half.
 pub fn density(filter: Filter, x: f64) -> f64 {
     let x = x.abs();
     match filter {
+        Filter::Box { radius } if x == radius => 0.25 / radius,
         Filter::Box { radius } => {
-            if x <= radius {
+            if x < radius {
                 0.5 / radius
             } else {
                 0.0
@@ -75,6 +77,12 @@ mod tests {
             let sum: f64 = (0..n).map(|i| density(f, -r + (i as f64 + 0.5) * h) * h).sum();
             assert!((sum - 1.0).abs() < 1e-8, "{f:?} {sum}");
         }
+    }
+
+    #[test]
+    fn a_border_belongs_to_both_pixels_by_half() {
+        let f = Filter::Box { radius: 0.5 };
+        assert_eq!(density(f, 0.5) + density(f, -0.5), density(f, 0.0));
     }
 
     #[test]

@@ -41,6 +41,14 @@ struct Pair {
     halves: [Half; 2],
 }
 
+/// Both ends of an edge.
+pub struct Ends {
+    pub a: DVec3,
+    pub b: DVec3,
+    /// A corner of each of its faces, off the edge, if there are two.
+    pub pair: Option<[DVec3; 2]>,
+}
+
 #[derive(Clone, Debug, Default)]
 pub struct EdgeSet {
     pairs: Vec<Pair>,
@@ -120,9 +128,21 @@ impl EdgeSet {
         self.pairs.get(i).map_or_else(|| self.shared[i - self.pairs.len()].faces[0].0, |p| p.shape)
     }
 
+    /// Where an edge is, and the corners of its faces where it has two, at no cost.
+    pub fn ends(&self, scene: &Scene, i: usize) -> Ends {
+        let Some(pair) = self.pairs.get(i) else {
+            let e = &self.shared[i - self.pairs.len()].edge;
+            let pair = if let [s, t] = &e.sides[..] { Some([s.corner, t.corner]) } else { None };
+            return Ends { a: e.a, b: e.b, pair };
+        };
+        let m = mesh(scene, pair.shape);
+        let (a, b) = m.half_edge(pair.halves[0]);
+        Ends { a, b, pair: (pair.halves[1] != Half::NONE).then(|| pair.halves.map(|h| m.opposite(h))) }
+    }
+
     pub fn get(&self, scene: &Scene, i: usize) -> SharedEdge {
         let Some(pair) = self.pairs.get(i) else { return self.shared[i - self.pairs.len()].clone() };
-        let Shape::Mesh(m) = &scene.shapes[pair.shape as usize].shape else { unreachable!("pairs are of meshes") };
+        let m = mesh(scene, pair.shape);
         let halves = if pair.halves[1] == Half::NONE { &pair.halves[..1] } else { &pair.halves[..] };
         SharedEdge::of(pair.shape, mesh_edge(m, halves))
     }
@@ -135,7 +155,7 @@ impl EdgeSet {
         normal: impl Fn(DVec3, DVec3) -> DVec3 + Sync,
     ) -> Vec<usize> {
         let of_pair = |p: &Pair| {
-            let Shape::Mesh(m) = &scene.shapes[p.shape as usize].shape else { return false };
+            let m = mesh(scene, p.shape);
             let (a, b) = m.half_edge(p.halves[0]);
             let n = normal(a, b);
             let side = |h: Half| n.dot(m.opposite(h) - a);
@@ -154,6 +174,14 @@ impl EdgeSet {
                 }
         };
         (0..self.len()).into_par_iter().filter(chosen).collect()
+    }
+}
+
+/// The mesh of a pair.
+fn mesh(scene: &Scene, shape: u32) -> &TriangleMesh {
+    match &scene.shapes[shape as usize].shape {
+        Shape::Mesh(m) => m,
+        _ => unreachable!("pairs are edges of meshes"),
     }
 }
 

@@ -10,7 +10,7 @@
 //! Directions come from the edge alone, or toward a point of a lamp; light emitted on a surface D is shared by both ([T] (61)), all
 //! other light belongs to the first.
 
-use super::edge_set::{EdgeSet, SharedEdge};
+use super::edge_set::{EdgeSet, Ends, SharedEdge};
 use super::ends::{self, ByOrder, Point, Watch};
 use super::light_walk::{LightWalk, Vertex, seen};
 use super::rims::{Rim, rims};
@@ -123,9 +123,9 @@ impl Edges {
         let set = motion.edges(scene);
         let aim = Aim::new(scene, motion);
         let flat = |i: usize| {
-            let e = set.get(scene, i).edge;
-            let size = (e.b - e.a).length() * wedge(&e).1 * PI;
-            size * aim.weight(motion, set.shape(i), (e.a + e.b) * 0.5)
+            let Ends { a, b, pair } = set.ends(scene, i);
+            let width = pair.map_or(PI, |corners| between(a, b, corners).1);
+            (b - a).length() * width * PI * aim.weight(motion, set.shape(i), (a + b) * 0.5)
         };
         let mut weights: Vec<f64> = (0..set.len()).into_par_iter().map(flat).collect();
         let mut curved = Vec::new();
@@ -366,17 +366,26 @@ fn wall_to_lamp(q: &Cylinder, sin: f64, distance: f64, cos: f64, per_area: f64) 
 
 /// The frame across an edge in which [`wedge`] counts angles: x toward the first face.
 fn frame_of(edge: &Edge, t: DVec3) -> (DVec3, DVec3) {
-    let across = |v: DVec3| v - t * v.dot(t);
-    let x = edge.sides.first().map_or_else(|| warp::frame(t).0, |s| across(s.corner - edge.a).normalize());
+    edge.sides.first().map_or_else(|| warp::frame(t), |s| across(t, s.corner - edge.a))
+}
+
+/// A frame across t, x toward v.
+fn across(t: DVec3, v: DVec3) -> (DVec3, DVec3) {
+    let x = (v - t * v.dot(t)).normalize();
     (x, t.cross(x))
 }
 
 /// Angles around an edge of lines that graze it: the first, and how many, in (0, π); the same again opposite.
 fn wedge(edge: &Edge) -> (f64, f64) {
-    let t = (edge.b - edge.a).normalize();
-    let [_, second] = &edge.sides[..] else { return (0.0, PI) };
-    let (x, y) = frame_of(edge, t);
-    let f = second.corner - edge.a;
+    let [first, second] = &edge.sides[..] else { return (0.0, PI) };
+    between(edge.a, edge.b, [first.corner, second.corner])
+}
+
+/// The same for two faces with these corners.
+fn between(a: DVec3, b: DVec3, [first, second]: [DVec3; 2]) -> (f64, f64) {
+    let t = (b - a).normalize();
+    let (x, y) = across(t, first - a);
+    let f = second - a;
     let angle = f.dot(y).atan2(f.dot(x));
     // Lines that part the two faces lie between them.
     if angle >= 0.0 { (angle, PI - angle) } else { (0.0, PI + angle) }
