@@ -21,6 +21,8 @@ use std::time::{Duration, Instant};
 
 /// Rounds a stage.
 const ROUNDS: u64 = 32;
+/// A step whose bias is too large, and the next: the noise of differences grows faster than needed with anything smaller.
+const SMALLER: f64 = 0.7;
 /// Samples that a round has at least, over its pixels: its pilot should not be what costs.
 const LEAST: usize = 2048;
 
@@ -327,10 +329,10 @@ impl Bench<'_> {
                 });
             }
             *suspicious = blocks.significant;
-            // A bias that no sample takes off: half the step.
+            // A bias that no sample takes off: a smaller step.
             let biased = bias > 0.7 * o.tolerance * blocks.mean_abs && bias > errors[0].hypot(errors[1]);
             if biased && o.step.is_none() {
-                *difference = Difference::extrapolated(at, side, 0.5 * difference.step)?;
+                *difference = Difference::extrapolated(at, side, SMALLER * difference.step)?;
                 *theirs = Stock::new(2);
                 *generation += 1;
                 continue;

@@ -3,7 +3,7 @@
 //!
 //! The step taken is the largest whose noise^2 + bias^2 is near the least, at the number of samples at which the least noisy
 //! one reaches half of the tolerance: more samples will be taken, and they take off noise only. Only a bias that is visible
-//! counts here; one that more samples bring to light halves the step later. Large steps are preferred because a small one
+//! counts here; one that more samples bring to light makes the step smaller later. Large steps are preferred because a small one
 //! may have noise that few samples do not show: turns of a path that happen once in 1/h samples and weigh 1/h.
 
 use super::differences::{At, Bias, Difference, Side};

@@ -91,9 +91,9 @@ impl EdgeSet {
             match &scene.shapes[i as usize].shape {
                 Shape::Mesh(m) => halves(m, |group| {
                     let (a, b) = m.half_edge(group[0]);
-                    match group {
-                        &[h] if !meets(a, b) => set.pairs.push(Pair { shape: i, halves: [h, Half::NONE] }),
-                        &[h, k] if !meets(a, b) => set.pairs.push(Pair { shape: i, halves: [h, k] }),
+                    match *group {
+                        [h] if !meets(a, b) => set.pairs.push(Pair { shape: i, halves: [h, Half::NONE] }),
+                        [h, k] if !meets(a, b) => set.pairs.push(Pair { shape: i, halves: [h, k] }),
                         _ => set.add(&mut weld, SharedEdge::of(i, mesh_edge(m, group)), class),
                     }
                 }),
