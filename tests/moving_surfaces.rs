@@ -221,3 +221,36 @@ fn contact() {
     let e = common::job(&sc, 32, 1, Mode::Forward(&p)).run(&|_| {}).err().expect("refused").to_string();
     assert!(e.contains("pass through each other"), "{e}");
 }
+
+/// Floors beside a glowing ball and tube that hang so low that their horizons are nearer than their radii: `R²h/D³`, `Rh/D²`.
+#[test]
+fn lamps_close_to_what_they_light() {
+    let scene = |lamp: &str| {
+        format!(
+            r#"<scene version="3.0.0"><default name="r" value="1"/><default name="x" value="0"/><default name="h" value="1.1"/>
+<integrator type="volpath"><integer name="max_depth" value="2"/></integrator>
+<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="9"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="1"/></bsdf></shape>
+{lamp}<emitter type="area"><rgb name="radiance" value="1"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>
+<sensor type="orthographic"><transform name="to_world"><scale value="0.001"/><lookat origin="4,0.4,0" target="0.5,0,0" up="0,1,0"/></transform>
+<film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor></scene>"#
+        )
+    };
+    let ball = r#"<shape type="sphere"><point name="center" value="$x,$h,0"/><float name="radius" value="$r"/>"#;
+    let tube = r#"<shape type="cylinder"><point name="p0" value="$x,$h,-30"/><point name="p1" value="$x,$h,30"/><float name="radius" value="$r"/>"#;
+    let (h, a) = (1.1f64, 0.5);
+    let d = h.hypot(a);
+    let of_ball = [2.0 * h / d.powi(3), 3.0 * h * a / d.powi(5), (d * d - 3.0 * h * h) / d.powi(5)];
+    let of_tube = [h / (d * d), 2.0 * h * a / d.powi(4), (d * d - 2.0 * h * h) / d.powi(4)];
+    for (lamp, truth) in [(ball, of_ball), (tube, of_tube)] {
+        let ours = common::forward_of(&scene(lamp), Default::default(), &["r", "x", "h"], &["all"], 1 << 18);
+        for ((e, truth), name) in ours[1..].iter().zip(truth).zip(["r", "x", "h"]) {
+            let (off, se) = ((e.value[1] - truth).abs(), e.error[1]);
+            // The tube has ends, which the floor sees under 1e-3 of a right angle.
+            assert!(
+                off < 4.5 * se + 2e-3 * truth.abs() && se < 0.02 * truth.abs(),
+                "{name}: {} +- {se}, {truth}",
+                e.value[1]
+            );
+        }
+    }
+}

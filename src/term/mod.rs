@@ -134,6 +134,15 @@ impl Motion {
                 ));
             }
         }
+        if let Some(i) = self.moving.field.cornered(scene) {
+            let name = &scene.lights[i as usize].name;
+            return Err(Error::usage(
+                format!(
+                    "the spot `{name}` has a hard edge and moves inside a medium, on a surface or beside another light: this cannot be differentiated yet"
+                ),
+                "move it a little off what it touches, or give it a beam_width below its cutoff_angle",
+            ));
+        }
         if let Some(name) = &self.glowing_null {
             return Err(Error::usage(
                 format!("the lamp `{name}` has a null bsdf, and something moves: this cannot be differentiated yet"),

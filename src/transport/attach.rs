@@ -4,9 +4,10 @@
 //! point z of the sphere grows like 1/d, and camera rays come close to spheres so often (at distance δ with density δ^1/2) that its second moment has no bound. So z,
 //! if it comes right after x, keeps to its direction from x instead of to its matter where it is near ([T] 2.3 (i)):
 //!
-//! `ż = ż_B + χ Q (ẋ - ż_B)`, `Q = 1 - w nᵀ/<n,w>`, `χ = κ(d/R)`
+//! `ż = ż_B + χ Q (ẋ - ż_B)`, `Q = 1 - w nᵀ/<n,w>`, `χ = κ(d/min(R, ℓ))`
 //!
-//! (ż_B: as it would move otherwise). A direction's measure dω = dA c_z/d² does not change, so that segment and Jacobian together score
+//! (ż_B: as it would move otherwise; ℓ: the distance from x to the horizon that it sees, over which such points would flow: <n,w> is 0 there).
+//! A direction's measure dω = dA c_z/d² does not change, so that segment and Jacobian together score
 //! `(1-χ)` times what they would, and `<∇χ, Q(ẋ - ż_B)>`. Flat faces end at edges, over which such points would flow, and camera rays that graze them are rare; on
 //! a cylinder's wall χ has the factor `κ(|2h/l - 1|)` besides (h the height of z, l the length), which is 0 at the rims.
 
@@ -29,11 +30,13 @@ pub struct Attached {
 impl Attached {
     /// For a point z with the normal n; `None` on other shapes and out of reach.
     pub fn new(shape: &Shape, x: DVec3, z: DVec3, n: DVec3) -> Option<Attached> {
-        let radius = match shape {
-            Shape::Sphere(s) => s.radius,
-            Shape::Cylinder(s) => s.radius,
+        // Radius, and the squared distance to the horizon that x sees; from inside there is none.
+        let (radius, horizon) = match shape {
+            Shape::Sphere(s) => (s.radius, (x - s.center).length_squared() - s.radius * s.radius),
+            Shape::Cylinder(s) => (s.radius, s.from_axis(x).length_squared() - s.radius * s.radius),
             _ => return None,
         };
+        let radius = if horizon > 0.0 { radius.min(horizon.sqrt()) } else { radius };
         let d = (z - x).length();
         let (mut share, slope) = decay(d / radius);
         if share <= 0.0 || d <= 0.0 {

@@ -57,6 +57,9 @@ pub fn classes(scene: &Scene, params: &ParamSet) -> Vec<Option<u32>> {
     scene.shapes.iter().map(class).collect()
 }
 
+/// Share of the scene's radius that a followed light has around it at least: scores grow like one over it.
+const ROOM: f64 = 1e-3;
+
 /// `κ(t)` and its slope.
 pub fn decay(t: f64) -> (f64, f64) {
     if t >= 1.0 {
@@ -141,20 +144,27 @@ impl Field {
         let class = |id: u32| Class::new(scene, &|i| class_of[i as usize] == Some(id));
         let classes = if media { (0..count).map(class).collect::<Result<_>>()? } else { Vec::new() };
         let embedded = |i: &u32| scene.embedded_selection(*i) > 0.0;
-        let lights = (0..scene.lights.len() as u32).filter(embedded);
+        let lights = (0..scene.lights.len() as u32).filter(&embedded);
         let lights = lights.filter_map(|i| scene.lights[i as usize].center()).collect();
         let grids = scene.media.iter().flat_map(|m| m.clipped_grids());
         let boxes = grids.filter_map(|g| Cube::new(g.clip_box()?, false).ok()).collect();
         let mut field = Field { class_of, classes, followed: Vec::new(), media, lights, boxes };
         let follower = |&light: &u32| {
             let p = scene.lights[light as usize].center()?;
-            let others = field.lights.iter().copied().filter(|q| *q != p).collect();
+            // Every other light that stands in a medium, one at the same place included.
+            let others = (0..scene.lights.len() as u32).filter(|i| *i != light && embedded(i));
+            let others = others.filter_map(|i| scene.lights[i as usize].center()).collect();
             let free = Field { lights: others, ..field.clone() }.clearance(scene, p, None);
             let size = if scene.bounds.radius() > 0.0 { scene.bounds.radius() } else { 1.0 };
             Some(Follower { light, p, reach: free.min(size) })
         };
         field.followed = followed.iter().filter_map(follower).collect();
         Ok(field)
+    }
+
+    /// A light that should be followed but has hardly any room, because it stands on something or beside another light.
+    pub fn cornered(&self, scene: &Scene) -> Option<u32> {
+        self.followed.iter().find(|f| f.reach < ROOM * scene.bounds.radius()).map(|f| f.light)
     }
 
     /// Middle and radius of the parts of space whose points may move.
