@@ -49,7 +49,7 @@ impl Group {
         near.or(listed)
     }
 
-    /// The nearest points of all faces that are nearer than `radius`: in an order of their own, the same on every call.
+    /// The nearest points of all faces that are nearer than `radius`, in the same order on every call.
     pub fn faces_within(&self, shapes: &[Instance], p: DVec3, radius: f64) -> Vec<Near> {
         let met = self.bvh.iter().flat_map(|bvh| bvh.within(p, radius)).map(|n| {
             let (shape, face) = self.face_of(n.geom, n.prim);
