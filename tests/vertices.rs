@@ -321,14 +321,11 @@ fn foggy(text: &str, sigma_t: f64) -> String {
     text.replace(r#"type="path""#, r#"type="volpath""#).replace("</scene>", &fog)
 }
 
+/// Numbers that the slots' gradient makes.
+type Read<'a> = &'a dyn Fn(&Scene, &ParamSet, &[f64]) -> Vec<f64>;
+
 /// What `of` makes of the gradient of a gem in this room, a list a seed.
-fn by_seed(
-    text: &str,
-    wrt: &[&str],
-    seeds: u64,
-    spp: u64,
-    of: &dyn Fn(&Scene, &ParamSet, &[f64]) -> Vec<f64>,
-) -> Vec<Vec<f64>> {
+fn by_seed(text: &str, wrt: &[&str], seeds: u64, spp: u64, of: Read) -> Vec<Vec<f64>> {
     let (sc, params) = open(text, &obj(&gem(), false), wrt);
     let v = adjoint(30);
     let run = |seed| {
@@ -362,8 +359,8 @@ fn transforms_in_fog_are_sums_over_vertices() {
         assert!((a - b).abs() <= 1e-9 * a.abs(), "{}: {a} {b}", names[k]);
     }
     // One by one: the same paths where nothing but velocities differs, so that pairs are compared.
-    let ours = by_seed(&text, &["mesh.vertices"], 16, 1 << 10, &sums);
-    let whole = by_seed(&text, &names, 16, 1 << 10, &|_, params, slots| params.pull_back(slots));
+    let ours = by_seed(&text, &["mesh.vertices"], 32, 1 << 10, &sums);
+    let whole = by_seed(&text, &names, 32, 1 << 10, &|_, params, slots| params.pull_back(slots));
     for k in 0..3 {
         let mean = whole.iter().map(|b| b[k]).sum::<f64>() / whole.len() as f64;
         let off: Moments = ours.iter().zip(&whole).map(|(a, b)| a[k] - b[k]).collect();
