@@ -5,9 +5,9 @@ mod common;
 use common::{params, scene};
 use tyndall::math::rng::Rng;
 use tyndall::math::{DVec2, DVec3, Rgb};
-use tyndall::params::{Covector, Forward, ParamSet};
+use tyndall::params::{Covector, Forward, ParamSet, Sink, Slot};
 use tyndall::scene::{On, Scene};
-use tyndall::shape::Geometry;
+use tyndall::shape::{Geometry, Shape};
 use tyndall::transport::first::{First, Seen};
 use tyndall::transport::motion::Moving;
 use tyndall::transport::record::MediumSpan;
@@ -210,4 +210,140 @@ fn nothing_is_carried_over_the_edge_of_a_face() {
         }
     }
     assert!(carried > 100);
+}
+
+/// A dish of eight faces, hollow above, that moves as a whole and vertex by vertex between a floor, a ball, a light and the border of the fog.
+struct Dish {
+    case: Case,
+    vertices: Vec<DVec3>,
+    faces: Vec<[u32; 3]>,
+    /// Of the vertices, beside the whole's.
+    velocities: Vec<DVec3>,
+}
+
+/// Contracts with the velocities of a dish.
+struct Contract<'a>(&'a Dish, f64);
+
+impl Sink for Contract<'_> {
+    fn add(&mut self, slot: Slot, partial: Rgb) {
+        let array = self.0.case.params.arrays[0].range();
+        self.1 += partial[0]
+            * match (slot as usize).checked_sub(array.start).filter(|k| *k < array.len()) {
+                Some(k) => self.0.velocities[k / 3][k % 3],
+                None => self.0.case.params.tangents(slot)[0],
+            };
+    }
+}
+
+impl Dish {
+    fn new() -> Dish {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("m.obj");
+        let points = "v 0.6 0.05 0\nv 0.05 -0.1 0.1\nv 0.1 0 0.6\nv -0.5 0.1 0.1\nv 0 -0.5 0.05\nv 0 0.1 -0.5\n";
+        // The last is a line, as files have them.
+        let faces = "f 1 2 3\nf 2 4 3\nf 4 5 3\nf 5 1 3\nf 2 1 6\nf 4 2 6\nf 5 4 6\nf 1 5 6\nf 1 5 5\n";
+        std::fs::write(&path, points.to_string() + faces).unwrap();
+        let mesh = format!(
+            r#"<shape type="obj" id="dish"><string name="filename" value="{}"/><transform name="to_world"><scale value="0.7"/><translate x="$x" y="0.7" z="0.2"/></transform><bsdf type="diffuse"/></shape>"#,
+            path.display()
+        );
+        let text = TEXT
+            .replace(r#"value="$x, 0.7, 0.2""#, r#"value="-0.3, 1.3, 0.3""#)
+            .replace("</scene>", &(mesh + "</scene>"));
+        let (desc, mut scene) = scene(&text);
+        let names = ["x", "dish.vertices"].map(String::from);
+        scene.open(&desc, &names).unwrap();
+        let params = scene.param_set(&desc, &names).unwrap();
+        let moving = Moving::new(&scene, &scene.sensors[0], &params).unwrap();
+        let Shape::Mesh(m) = &scene.shapes[4].shape else { panic!("no mesh") };
+        let (vertices, faces) = (m.vertices.to_vec(), m.faces.iter().copied().filter(|f| f[1] != f[2]).collect());
+        let mut rng = Rng::keyed(6, 0, 0, 0);
+        let velocities = vertices.iter().map(|_| unit(&mut rng)).collect();
+        Dish { case: Case { scene, params, moving }, vertices, faces, velocities }
+    }
+
+    fn at(&self, p: DVec3) -> (DVec3, f64) {
+        let (v, rate) = self.case.at(&First::default(), p);
+        let (scene, sensor) = (&self.case.scene, &self.case.scene.sensors[0]);
+        let along = |axis: DVec3| {
+            let mut c = Covector::default();
+            c.add(axis, Rgb::ONE);
+            let mut sink = Contract(self, 0.0);
+            v.apply(scene, sensor, &c, &mut sink);
+            sink.1
+        };
+        let mut sink = Contract(self, 0.0);
+        rate.apply(scene, sensor, Rgb::ONE, &mut sink);
+        (DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z)), sink.1)
+    }
+
+    fn divergence(&self, p: DVec3, h: f64) -> f64 {
+        let slope = |a: DVec3| (self.at(p + a * h).0 - self.at(p - a * h).0).dot(a) / (2.0 * h);
+        slope(DVec3::X) + slope(DVec3::Y) + slope(DVec3::Z)
+    }
+}
+
+fn unit(rng: &mut Rng) -> DVec3 {
+    let z = 2.0 * rng.uniform() - 1.0;
+    let (s, c) = (std::f64::consts::TAU * rng.uniform()).sin_cos();
+    let r = (1.0 - z * z).sqrt();
+    DVec3::new(r * c, r * s, z)
+}
+
+/// Barycentric weights inside a face, on a side, or of a corner.
+fn weights(kind: usize, rng: &mut Rng) -> [f64; 3] {
+    let (a, b) = (rng.uniform(), rng.uniform());
+    match kind {
+        0 => [1.0 - a.sqrt(), a.sqrt() * (1.0 - b), a.sqrt() * b],
+        1 => [a, 1.0 - a, 0.0],
+        _ => [0.0, 1.0, 0.0],
+    }
+}
+
+#[test]
+fn around_a_mesh_that_bends_the_field_is_the_matter_of_its_faces() {
+    let dish = Dish::new();
+    let mut rng = Rng::keyed(7, 0, 0, 0);
+    for f in &dish.faces {
+        let mix = |v: &[DVec3], b: [f64; 3]| (0..3).map(|i| v[f[i] as usize] * b[i]).sum::<DVec3>();
+        for (kind, off) in [(0, 1e-9), (0, -1e-9), (0, 0.0), (1, 1e-9), (2, 1e-9)].repeat(10) {
+            let b = weights(kind, &mut rng);
+            let (v, _) = dish.at(mix(&dish.vertices, b) + unit(&mut rng) * off);
+            let own = mix(&dish.velocities, b) + DVec3::X;
+            assert!((v - own).length() < 1e-6, "{f:?} {b:?}: {v} {own}");
+        }
+    }
+    for p in [
+        DVec3::new(0.2, 0.0, 0.1),
+        DVec3::new(0.3, 2.0, 0.2),
+        DVec3::new(0.6, 1.4, 0.1),
+        DVec3::new(-0.3, 1.0, 0.3),
+        DVec3::new(1.6, 1.2, -1.5),
+    ] {
+        let (v, rate) = dish.at(p);
+        assert!(v.length() < 1e-9 && rate.abs() < 1e-6, "{p}: {v} {rate}");
+    }
+}
+
+#[test]
+fn around_a_mesh_that_bends_divergences_are_those_of_the_field() {
+    let dish = Dish::new();
+    let mut rng = Rng::keyed(8, 0, 0, 0);
+    for (kind, name) in ["face", "edge", "corner"].into_iter().enumerate() {
+        let (mut moved, mut largest) = (0, 0.0f64);
+        for k in 0..300 {
+            let f = dish.faces[k % dish.faces.len()];
+            let b = weights(kind, &mut rng);
+            let p: DVec3 = (0..3).map(|i| dish.vertices[f[(i + k) % 3] as usize] * b[i]).sum();
+            // Down to a thousandth of what its derivative could grow by.
+            let r = 0.4 * 1e-3f64.powf(rng.uniform());
+            let y = p + unit(&mut rng) * r;
+            let ((v, own), d) = (dish.at(y), dish.divergence(y, 1e-4 * r));
+            assert!((own - d).abs() < 1e-4 * (1.0 + own.abs()), "{name} at {y}, {r}: {own} {d}");
+            moved += usize::from(v.length() > 0.1);
+            largest = largest.max(own.abs());
+        }
+        println!("{name}: {moved} move, divergence up to {largest}");
+        assert!(moved > 100 && largest < 150.0, "{name}: {moved} {largest}");
+    }
 }

@@ -374,9 +374,12 @@ fn nearest_points_are_those_of_a_search_through_all() {
                 (salt ^ u64::from(geom * 1000 + prim)).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32 << 32
                     < u64::MAX / one_in
             };
-            let mut truth = None;
+            let (mut truth, mut within) = (None, Vec::new());
             let mut offer = |geom, prim, q: DVec3| {
                 let distance = q.distance(p);
+                if distance < radius {
+                    within.push(Nearest { distance, p: q, geom, prim });
+                }
                 if distance < radius && accept(geom, prim) {
                     truth = nearer(truth, Nearest { distance, p: q, geom, prim });
                 }
@@ -391,6 +394,7 @@ fn nearest_points_are_those_of_a_search_through_all() {
             }
             let near = bvh.nearest(p, radius, &accept);
             assert_eq!(near, truth, "{k}: {p} {radius}");
+            assert_eq!(bvh.within(p, radius), within, "{k}: {p} {radius}");
             found[near.map_or(3, |n| n.geom as usize)] += 1;
         }
         assert!(found.iter().all(|&n| n > 100), "{found:?}");

@@ -73,6 +73,11 @@ fn a_gradient_is_three_numbers_a_vertex() {
     assert!(out.contains("|mesh.vertices|"), "{out}");
     let (out, _) = f.run(0, "plan s.xml --wrt mesh.vertices");
     assert!(out.contains("an occluder of a zero-measure light moves (mesh.vertices)"), "{out}");
+    // In fog.
+    let (out, _) = f.run(0, "plan fog.xml --wrt mesh.vertices");
+    assert!(out.lines().any(|l| l.contains("medium_edge") && l.contains("use")), "{out}");
+    f.run(0, "grad fog.xml --wrt mesh.vertices --adjoint a.exr --spp 8 -o fog.json");
+    assert_eq!(read("fog.json")["gradient"]["mesh.vertices"]["shape"], serde_json::json!([4, 3]));
 }
 
 #[test]
@@ -88,7 +93,6 @@ fn what_has_no_such_gradient_is_refused_by_name() {
         (format!("grad s.xml --wrt mesh.vertices,mesh.vertices {reverse}"), ["twice", "once"]),
         (format!("grad null.xml --wrt veil.vertices {reverse}"), ["`veil` has a null bsdf", "to_world"]),
         (format!("grad smooth.xml --wrt smooth.vertices {reverse}"), ["vertex normals", "face_normals"]),
-        (format!("grad fog.xml --wrt mesh.vertices {reverse}"), ["the medium `fog`", "to_world"]),
         (format!("grad fog.xml --wrt fog.vertices {reverse}"), ["`fog` is a medium", "`mesh`"]),
         ("check s.xml --wrt mesh.vertices".into(), ["`check` takes `$parameters` only", "tyndall grad"]),
         ("converge s.xml --wrt mesh.vertices".into(), ["`converge` takes `$parameters` only", "tyndall grad"]),

@@ -83,6 +83,30 @@ pub fn on_triangle(p: DVec3, [v0, v1, v2]: [DVec3; 3]) -> DVec3 {
     p + nearest(foot, &[(a, e1), (a, e2), (v1 - p, v2 - v1)])
 }
 
+/// Unit vectors `t` of which `Σ t tᵀ` is the derivative of [`on_triangle`] by `p`: two in its plane where the nearest point is inside, one along
+/// the side that it is on, none at a corner (zeros).
+pub fn along_triangle(p: DVec3, [v0, v1, v2]: [DVec3; 3]) -> [DVec3; 2] {
+    let (a, e1, e2) = (v0 - p, v1 - v0, v2 - v0);
+    let inside = || {
+        let t = e1.normalize();
+        [t, e1.cross(e2).cross(e1).normalize()]
+    };
+    let mut best = match foot(a, e1, e2, |s, t| s >= 0.0 && t >= 0.0 && s + t <= 1.0) {
+        Foot::Sure(_) => return inside(),
+        Foot::Rough(offset) => (offset.length_squared(), inside()),
+        Foot::Outside => (f64::INFINITY, [DVec3::ZERO; 2]),
+    };
+    for (a, e) in [(a, e1), (a, e2), (v1 - p, v2 - v1)] {
+        let squared = segment(a, e).length_squared();
+        if squared < best.0 {
+            let t = -a.dot(e);
+            let on = t > 0.0 && t < e.length_squared();
+            best = (squared, [if on { e.normalize() } else { DVec3::ZERO }, DVec3::ZERO]);
+        }
+    }
+    best.1
+}
+
 /// The point of the parallelogram of corner `v` and edges `e1`, `e2` nearest to `p`.
 #[inline]
 pub fn on_parallelogram(p: DVec3, v: DVec3, e1: DVec3, e2: DVec3) -> DVec3 {

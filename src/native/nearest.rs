@@ -28,12 +28,11 @@ pub struct Nearest {
 struct Query<'a> {
     bvh: &'a Bvh,
     p: DVec3,
-    radius: f64,
-    accept: &'a dyn Fn(u32, u32) -> bool,
+    /// Told of a primitive's nearest point; the new radius where that shrinks.
+    told: &'a mut dyn FnMut(Nearest) -> Option<f64>,
     /// Distance of the scene's centre, and the f32 query's rounding, in scene radii.
     far: f64,
     slack: f64,
-    best: Option<Nearest>,
     panic: Option<Box<dyn Any + Send>>,
 }
 
@@ -43,14 +42,43 @@ impl Bvh {
     /// geometry, then the lower primitive. `accept` is asked of what is nearer than all before, perhaps more than once, in no
     /// order; a panic in it reaches the caller.
     pub fn nearest(&self, p: DVec3, radius: f64, accept: &dyn Fn(u32, u32) -> bool) -> Option<Nearest> {
+        let mut best: Option<Nearest> = None;
+        self.near_query(p, radius, &mut |n| {
+            let nearer = match best {
+                Some(b) => (n.distance, n.geom, n.prim) < (b.distance, b.geom, b.prim),
+                None => n.distance < radius,
+            };
+            (nearer && accept(n.geom, n.prim)).then(|| {
+                best = Some(n);
+                n.distance
+            })
+        });
+        best
+    }
+
+    /// The nearest points of all primitives that are nearer than `radius`, ordered by geometry and primitive.
+    pub fn within(&self, p: DVec3, radius: f64) -> Vec<Nearest> {
+        let mut found = Vec::new();
+        self.near_query(p, radius, &mut |n| {
+            if n.distance < radius {
+                found.push(n);
+            }
+            None
+        });
+        found.sort_unstable_by_key(|n| (n.geom, n.prim));
+        found
+    }
+
+    /// Tells of all primitives that may be nearer than the radius, which what is told may shrink.
+    fn near_query(&self, p: DVec3, radius: f64, told: &mut dyn FnMut(Nearest) -> Option<f64>) {
         debug_assert!(p.is_finite() && !radius.is_nan(), "invalid query {p} {radius}");
         if self.is_empty() {
-            return None;
+            return;
         }
         let local = (p - self.frame.centre) * self.frame.scale;
         let far = local.length();
         let slack = (1.0 + far) * GROWTH;
-        let mut q = Query { bvh: self, p, radius, accept, far, slack, best: None, panic: None };
+        let mut q = Query { bvh: self, p, told, far, slack, panic: None };
         let o = local.as_vec3();
         let mut query = sys::RTCPointQuery { x: o.x, y: o.y, z: o.z, time: 0.0, radius: q.widened(radius) };
         let mut context = sys::point_query_context();
@@ -60,7 +88,6 @@ impl Bvh {
         if let Some(p) = q.panic {
             resume_unwind(p);
         }
-        q.best
     }
 }
 
@@ -70,31 +97,24 @@ impl Query<'_> {
         ((distance * self.bvh.frame.scale).min(1.0 + self.far) + self.slack) as f32
     }
 
-    /// The primitive's nearest point, if it comes before the best and is wanted.
-    fn judge(&self, geom: u32, prim: u32) -> Option<Nearest> {
+    /// Tells of the primitive's nearest point.
+    fn judge(&mut self, geom: u32, prim: u32) -> Option<f64> {
         let p = match self.bvh.geometries.get(geom as usize)? {
             Geometry::Mesh(m) => on_triangle(self.p, m.faces.get(prim as usize)?.map(|v| m.vertices[v as usize])),
             Geometry::User(u) => u.prims.nearest(prim, self.p),
         };
         let distance = p.distance(self.p);
-        let nearer = match self.best {
-            Some(b) => (distance, geom, prim) < (b.distance, b.geom, b.prim),
-            None => distance < self.radius,
-        };
-        (nearer && (self.accept)(geom, prim)).then_some(Nearest { distance, p, geom, prim })
+        (self.told)(Nearest { distance, p, geom, prim })
     }
 
-    /// Look at a primitive; the f32 query's new radius if it is the best so far. A panic is kept for the caller, beyond Embree's
+    /// Look at a primitive; the f32 query's new radius if it shrinks. A panic is kept for the caller, beyond Embree's
     /// frames, and ends the search.
     fn offer(&mut self, geom: u32, prim: u32) -> Option<f32> {
         if self.panic.is_some() {
             return None;
         }
         match catch_unwind(AssertUnwindSafe(|| self.judge(geom, prim))) {
-            Ok(found) => {
-                self.best = Some(found?);
-                found.map(|b| self.widened(b.distance))
-            }
+            Ok(radius) => radius.map(|r| self.widened(r)),
             Err(p) => {
                 self.panic = Some(p);
                 Some(0.0)
@@ -105,7 +125,7 @@ impl Query<'_> {
 
 /// Whether the query's radius changed.
 unsafe extern "C" fn visit(args: *mut sys::RTCPointQueryFunctionArguments) -> bool {
-    // SAFETY: Embree's arguments; the user pointer is the `Query` that `nearest` made, and only this thread has it.
+    // SAFETY: Embree's arguments; the user pointer is the `Query` that `near_query` made, and only this thread has it.
     unsafe {
         let a = &*args;
         let q = &mut *a.userPtr.cast::<Query>();

@@ -64,12 +64,6 @@ pub fn mesh(parts: &Parts<f64>, name: &str) -> Result<usize> {
             "give it another bsdf, or differentiate by a `$parameter` of its to_world".into(),
         );
     }
-    if let Some(m) = parts.media.first() {
-        return fail(
-            format!("the scene has the medium `{}`: how media follow single vertices is not available yet", m.name),
-            "leave media out, or differentiate by a `$parameter` of the mesh's to_world".into(),
-        );
-    }
     Ok(index)
 }
 

@@ -49,6 +49,20 @@ impl Group {
         near.or(listed)
     }
 
+    /// The nearest points of all faces that are nearer than `radius`, in the same order on every call.
+    pub fn faces_within(&self, shapes: &[Instance], p: DVec3, radius: f64) -> Vec<Near> {
+        let met = self.bvh.iter().flat_map(|bvh| bvh.within(p, radius)).map(|n| {
+            let (shape, face) = self.face_of(n.geom, n.prim);
+            Near { distance: n.distance, p: n.p, shape, face }
+        });
+        let faces = self.simple.iter().flat_map(|&s| (0..shapes[s as usize].shape.face_count()).map(move |f| (s, f)));
+        let listed = faces.map(|(shape, face)| {
+            let q = shapes[shape as usize].shape.nearest_on_face(face, p);
+            Near { distance: q.distance(p), p: q, shape, face }
+        });
+        met.chain(listed.filter(|n| n.distance < radius)).collect()
+    }
+
     /// Of the analytic shapes that are not in Embree.
     fn nearest_listed(
         &self,

@@ -9,17 +9,26 @@
 //! swept (terms D and N do not arise) and scores of segments stay bounded. Where the class touches something else V
 //! has no limit but a bound, and its derivative grows like one over the distance, which is integrable.
 //!
+//! A mesh whose vertices move is a class of its own, its velocity near it a mix of those of its faces k within twice the distance δ to it, each at its
+//! point q_k nearest to y:
+//!
+//! `v(y) = Σ w_k v_k(q_k) / Σ w_k`, `w_k = (2 - δ_k/δ)²`, δ_k the distance to the face.
+//!
+//! Toward the inside of a face only that one is left, so that the face is not swept; beside edges and corners weights change by 1/δ, but neighbours differ
+//! by no more than δ: v is Lipschitz. Nothing jumps where another face becomes the nearest.
+//!
 //! A light may be followed likewise: `V = κ(δ/R) ṗ` within the distance R to what stands nearest. A hard-edged spot in a medium needs that: beside its
 //! apex its edge and the interior diverge one by one if points stay still.
 
 use super::velocity::{Rate, Source, Velocity};
 use crate::error::Result;
+use crate::math::nearest::along_triangle;
 use crate::math::{DMat3, DVec3};
 use crate::params::{ParamSet, Slot};
 use crate::scene::geometry::Group;
-use crate::scene::nearest::Kind;
+use crate::scene::nearest::{Kind, Near};
 use crate::scene::{Instance, Scene};
-use crate::shape::{Bounds, Cube, Geometry};
+use crate::shape::{Bounds, Cube, Geometry, Shape, TriangleMesh};
 use std::fmt;
 use std::sync::Arc;
 
@@ -84,6 +93,8 @@ struct Class {
     bounds: Bounds,
     /// R.
     reach: f64,
+    /// Whether it is a mesh whose vertices move.
+    bends: bool,
     /// The shapes themselves, and what else is opaque or a border within reach of them: in hierarchies of their own, because a nearest point
     /// is not found quickly among many that do not count.
     own: Arc<Group>,
@@ -96,13 +107,50 @@ impl fmt::Debug for Class {
     }
 }
 
+/// R of a mesh that bends, in edges of its faces. Its velocities change from vertex to vertex, so that V around it is no smoother for a longer reach; and
+/// no more than `3π 3²` faces of its size are within 2δ.
+const EDGES: f64 = 3.0;
+
+/// Side of a square as large as the median face: fine parts of a mesh count by their faces.
+fn edge(mesh: &TriangleMesh) -> f64 {
+    let area = |f: u32| {
+        let [a, b, c] = mesh.corners(f);
+        0.5 * (b - a).cross(c - a).length()
+    };
+    let mut areas: Vec<f64> = (0..mesh.faces.len() as u32).map(area).filter(|a| *a > 0.0).collect();
+    areas.sort_unstable_by(f64::total_cmp);
+    areas.get(areas.len() / 2).map_or(0.0, |a| a.sqrt())
+}
+
+/// Whether a face has an area, and so a velocity.
+fn is_solid(scene: &Scene, shape: u32, face: u32) -> bool {
+    corners(scene, shape, face).is_some_and(|[a, b, c]| (b - a).cross(c - a).length_squared() > 0.0)
+}
+
+/// Of a mesh's face.
+fn corners(scene: &Scene, shape: u32, face: u32) -> Option<[DVec3; 3]> {
+    match &scene.shapes[shape as usize].shape {
+        Shape::Mesh(m) => Some(m.corners(face)),
+        _ => None,
+    }
+}
+
+/// Gradient of the distance from its point `p` to y.
+fn slope_of(y: DVec3, distance: f64, p: DVec3) -> DVec3 {
+    if distance > 0.0 { (y - p) / distance } else { DVec3::ZERO }
+}
+
 impl Class {
     /// Of the shapes that `own` names.
-    fn new(scene: &Scene, own: &dyn Fn(u32) -> bool) -> Result<Class> {
+    fn new(scene: &Scene, own: &dyn Fn(u32) -> bool, bends: bool) -> Result<Class> {
         let shape = |i: u32| &scene.shapes[i as usize];
         let (members, rest): (Vec<u32>, Vec<u32>) = (0..scene.shapes.len() as u32).partition(|&i| own(i));
         let bounds = members.iter().fold(Bounds::EMPTY, |b, &i| b.union(&shape(i).shape.bounds()));
-        let reach = bounds.radius();
+        let meshes = members.iter().filter_map(|&i| match &shape(i).shape {
+            Shape::Mesh(m) if bends => Some(EDGES * edge(m)),
+            _ => None,
+        });
+        let reach = meshes.fold(bounds.radius(), f64::min);
         let counts = |&i: &u32| {
             let s = shape(i);
             let gap = s.shape.bounds().gap(&bounds);
@@ -110,7 +158,38 @@ impl Class {
         };
         let others: Vec<u32> = rest.into_iter().filter(counts).collect();
         let group = |members: &[u32]| Ok(Arc::new(Group::build(&scene.shapes, members)?));
-        Ok(Class { bounds, reach, own: group(&members)?, others: group(&others)? })
+        Ok(Class { bounds, reach, bends, own: group(&members)?, others: group(&others)? })
+    }
+
+    /// Shares a pull out among the faces of a mesh that bends.
+    fn mix(&self, scene: &Scene, y: DVec3, nearest: &Near, whole: &Pull, pulls: &mut Vec<Pull>) {
+        let d = nearest.distance;
+        let mut faces = self.own.faces_within(&scene.shapes, y, 2.0 * d);
+        faces.retain(|n| is_solid(scene, n.shape, n.face));
+        if faces.is_empty() {
+            faces.push(*nearest);
+        }
+        let toward = slope_of(y, d, nearest.p);
+        // w and its gradient.
+        let weight = |n: &Near| {
+            if d == 0.0 {
+                return (1.0, DVec3::ZERO);
+            }
+            let t = n.distance / d;
+            ((2.0 - t).powi(2), (slope_of(y, n.distance, n.p) - toward * t) * (-2.0 * (2.0 - t) / d))
+        };
+        let weights: Vec<(f64, DVec3)> = faces.iter().map(weight).collect();
+        let (sum, slope) = weights.iter().fold((0.0, DVec3::ZERO), |s, w| (s.0 + w.0, s.1 + w.1));
+        for (n, (w, dw)) in faces.iter().zip(weights) {
+            let share = w / sum;
+            pulls.push(Pull {
+                source: Source::Shape { shape: n.shape, face: n.face },
+                p: n.p,
+                weight: whole.weight * share,
+                slope: whole.slope * share + (dw - slope * share) * (whole.weight / sum),
+                along: Along::Only(corners(scene, n.shape, n.face).map_or([DVec3::ZERO; 2], |c| along_triangle(y, c))),
+            });
+        }
     }
 }
 
@@ -128,20 +207,32 @@ pub struct Field {
     boxes: Vec<Cube>,
 }
 
-/// A class's part of the field at a point.
+/// How the matter that pulls a point changes with it.
+enum Along {
+    /// Matter is asked at the point itself.
+    Everywhere,
+    /// It is asked at a point near by, whose derivative is `Σ t tᵀ` over these.
+    Only([DVec3; 2]),
+}
+
+/// A part of the field at a point: of a class, or of a face of one that bends.
 struct Pull {
     source: Source,
+    /// Where its velocity is asked.
+    p: DVec3,
     /// ψ and its gradient.
     weight: f64,
     slope: DVec3,
+    along: Along,
 }
 
 impl Field {
-    /// `followed`: lights that move and take the medium around them along.
-    pub fn new(scene: &Scene, class_of: Vec<Option<u32>>, followed: &[u32]) -> Result<Field> {
+    /// `bending`: shapes whose vertices move; `followed`: lights that move and take the medium around them along.
+    pub fn new(scene: &Scene, class_of: Vec<Option<u32>>, bending: &[bool], followed: &[u32]) -> Result<Field> {
         let media = !scene.media.is_empty();
         let count = class_of.iter().flatten().max().map_or(0, |m| m + 1);
-        let class = |id: u32| Class::new(scene, &|i| class_of[i as usize] == Some(id));
+        let bends = |id: u32| class_of.iter().zip(bending).any(|(c, b)| *c == Some(id) && *b);
+        let class = |id: u32| Class::new(scene, &|i| class_of[i as usize] == Some(id), bends(id));
         let classes = if media { (0..count).map(class).collect::<Result<_>>()? } else { Vec::new() };
         let embedded = |i: &u32| scene.embedded_selection(*i) > 0.0;
         let lights = (0..scene.lights.len() as u32).filter(&embedded);
@@ -197,7 +288,8 @@ impl Field {
             if out.length_squared() >= class.reach * class.reach {
                 continue;
             }
-            let Some(near) = class.own.nearest_point(&scene.shapes, y, class.reach, &|_, _| true) else { continue };
+            let solid = |s, f| !class.bends || is_solid(scene, s, f);
+            let Some(near) = class.own.nearest_point(&scene.shapes, y, class.reach, &solid) else { continue };
             let d = near.distance;
             let (k, slope) = decay(d / class.reach);
             let point = self.nearest_without_shape(y, class.reach);
@@ -209,14 +301,19 @@ impl Field {
             if sum <= 0.0 || k == 0.0 {
                 continue;
             }
-            let slope_of = |distance: f64, p: DVec3| if distance > 0.0 { (y - p) / distance } else { DVec3::ZERO };
-            let toward = slope_of(d, near.p);
-            let away = other.map_or(DVec3::ZERO, |(s, p)| slope_of(s, p));
+            let toward = slope_of(y, d, near.p);
+            let away = other.map_or(DVec3::ZERO, |(s, p)| slope_of(y, s, p));
             let share = s * s / sum;
             // share = 1 - d²/sum: by d, and by s.
             let (by_d, by_s) = (-2.0 * d * s * s / (sum * sum), 2.0 * s * d * d / (sum * sum));
             let slope = toward * (slope / class.reach * share + k * by_d) + away * (k * by_s);
-            pulls.push(Pull { source: Source::Shape { shape: near.shape, face: near.face }, weight: k * share, slope });
+            let source = Source::Shape { shape: near.shape, face: near.face };
+            let whole = Pull { source, p: y, weight: k * share, slope, along: Along::Everywhere };
+            if class.bends {
+                class.mix(scene, y, &near, &whole, &mut pulls);
+            } else {
+                pulls.push(whole);
+            }
         }
         for f in &self.followed {
             let off = y - f.p;
@@ -224,7 +321,8 @@ impl Field {
             if d < f.reach {
                 let (k, slope) = decay(d / f.reach);
                 let toward = if d > 0.0 { off / d } else { DVec3::ZERO };
-                pulls.push(Pull { source: Source::Light(f.light), weight: k, slope: toward * (slope / f.reach) });
+                let (source, along) = (Source::Light(f.light), Along::Only([DVec3::ZERO; 2]));
+                pulls.push(Pull { source, p: y, weight: k, slope: toward * (slope / f.reach), along });
             }
         }
         pulls
@@ -234,10 +332,18 @@ impl Field {
     pub fn at(&self, scene: &Scene, y: DVec3) -> (Velocity, Rate) {
         let (mut v, mut rate) = (Velocity::default(), Rate::default());
         for pull in self.pulls(scene, y) {
-            let own = Velocity::of(pull.source, y);
+            let own = Velocity::of(pull.source, pull.p);
             rate.add(&own, pull.slope);
-            if let Source::Shape { shape, .. } = pull.source {
-                rate.add_divergence(shape, pull.weight);
+            match (pull.source, pull.along) {
+                (Source::Shape { shape, .. }, Along::Everywhere) => rate.add_divergence(shape, pull.weight),
+                (source, Along::Only(directions)) => {
+                    // Matter is affine: tr(∇v t tᵀ) = <t, v(q+t) - v(q)>.
+                    for t in directions.into_iter().filter(|t| *t != DVec3::ZERO) {
+                        rate.add(&Velocity::of(source, pull.p + t), t * pull.weight);
+                        rate.add(&own, -t * pull.weight);
+                    }
+                }
+                (_, Along::Everywhere) => {}
             }
             v = v.plus(1.0, &own.mapped(DMat3::from_diagonal(DVec3::splat(pull.weight))));
         }

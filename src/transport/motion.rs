@@ -43,10 +43,10 @@ impl Moving {
     pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Result<Moving> {
         let classes = classes(scene, params);
         let camera = sensor.moves(params);
-        let bending = scene.shapes.iter().map(|s| s.bends(params)).collect();
+        let bending: Vec<bool> = scene.shapes.iter().map(|s| s.bends(params)).collect();
         let followed: Vec<u32> = (0..scene.lights.len() as u32).filter(|&i| follows(scene, params, i)).collect();
         let any = camera || !followed.is_empty() || classes.iter().any(Option::is_some);
-        Ok(Moving { any, field: Field::new(scene, classes, &followed)?, camera, followed, bending })
+        Ok(Moving { any, field: Field::new(scene, classes, &bending, &followed)?, camera, followed, bending })
     }
 
     pub fn any(&self) -> bool {

@@ -106,7 +106,7 @@ impl Rate {
         self.forms.extend(x.0.iter().map(|&(s, p, m)| (s, p, m.transpose() * c)));
     }
 
-    /// Adds `w` times the divergence of a shape's affine motion: media follow no other.
+    /// Adds `w` times the divergence of a shape's affine motion.
     pub fn add_divergence(&mut self, shape: u32, w: f64) {
         self.spread.push((shape, w));
     }
