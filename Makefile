@@ -36,6 +36,7 @@ embree4:
 stress: build
 	target/release/tyndall stress --suite core
 	cargo test --release --test analytic -- --ignored --nocapture
+	cargo test --release --test vertices -- --ignored
 
 bench: build
 	cargo bench --bench grid

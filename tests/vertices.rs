@@ -338,6 +338,7 @@ fn by_seed(text: &str, wrt: &[&str], seeds: u64, spp: u64, of: Read) -> Vec<Vec<
 
 /// Around a mesh that moves as a whole the medium follows otherwise than around one whose vertices all do: the derivatives are the same.
 #[test]
+#[ignore = "make stress"]
 fn transforms_in_fog_are_sums_over_vertices() {
     let t = DVec3::new(0.1, 0.8, 0.1);
     let velocities: [&dyn Fn(DVec3) -> DVec3; 3] =
