@@ -211,3 +211,18 @@ fn what_stands_still_prepares_nothing() {
     assert_eq!(names(FOG, &["spot"]), ["light_shadow", "hard_profile", "surface_edge", "medium_edge"]);
     assert_eq!(names(FOG, &["ball"]), ["light_shadow", "hard_profile", "pixel_edge", "surface_edge", "medium_edge"]);
 }
+
+/// Scores grow like one over the room that a followed light has.
+#[test]
+fn a_hard_spot_that_moves_on_a_surface_is_refused() {
+    let text = FOG.replace(r#"y="2.6" z="-0.9""#, r#"y="2.2" z="-0.2""#);
+    assert_ne!(text, FOG);
+    let refused = |text: &str, wrt: &str| {
+        let (desc, sc) = scene(text);
+        let motion = Motion::new(&sc, &sc.sensors[0], &params(&desc, &sc, &[wrt])).unwrap();
+        motion.check(&sc, &sc.sensors[0], [0, 0, 1, 1], 0.0).err().map(|e| e.to_string())
+    };
+    assert!(refused(&text, "spot").is_some_and(|e| e.contains("hard edge") && e.contains("on a surface")));
+    assert_eq!(refused(&text, "ball"), None);
+    assert_eq!(refused(FOG, "spot"), None);
+}

@@ -154,6 +154,7 @@ impl Edges {
             weights.push(size * aim.weight(motion, shape, r.c));
             curved.push(Element { grazed: r.grazed.clone(), curve: Curve::Rim(r) });
         }
+        // Edges without length have no direction; no line grazes them.
         weights.iter_mut().filter(|w| !w.is_finite()).for_each(|w| *w = 0.0);
         let power = |l: &crate::light::Light| match l.kind {
             LightKind::Area { shape } => l.value.max() * scene.shapes[shape as usize].shape.area(),
