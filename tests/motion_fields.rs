@@ -8,10 +8,10 @@ use tyndall::math::{DVec2, DVec3, Rgb};
 use tyndall::params::{Covector, Forward, ParamSet, Sink, Slot};
 use tyndall::scene::{On, Scene};
 use tyndall::shape::{Geometry, Shape};
-use tyndall::transport::first::{First, Seen};
+use tyndall::transport::first::{First, Second, Seen};
 use tyndall::transport::motion::Moving;
 use tyndall::transport::record::MediumSpan;
-use tyndall::transport::velocity::{Rate, Velocity};
+use tyndall::transport::velocity::{Rate, Source, Velocity};
 
 /// A ball and a block (turned and grown) over a floor, in a box of fog, a light in it.
 const TEXT: &str = r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="r" value="0.3"/><default name="turn" value="20"/><default name="cx" value="0"/><integrator type="volpath"/>
@@ -58,7 +58,7 @@ impl Case {
     }
 
     fn at(&self, first: &First, p: DVec3) -> (Velocity, Rate) {
-        self.moving.in_medium(&self.scene, first, p)
+        self.moving.in_medium(&self.scene, first, p, true)
     }
 
     /// |V| is Lipschitz and its divergence is right, around `p`.
@@ -164,6 +164,64 @@ fn first_vertices_carry_their_motion() {
     assert!(carried > 100);
 }
 
+/// A second vertex on a ball keeps to its direction from the first; medium points near it, and the ball beside it, go along.
+#[test]
+fn second_vertices_that_keep_to_their_direction_take_what_is_near_along() {
+    let c = case();
+    let (line, sensor) = (c.moving.film_line(&c.scene), &c.scene.sensors[0]);
+    let Shape::Sphere(ball) = c.scene.shapes[2].shape else { panic!("no ball") };
+    let mut rng = Rng::keyed(6, 0, 0, 0);
+    let (mut held, mut moved) = (0, 0);
+    for _ in 0..400 {
+        // Past the ball, nearer than its radius.
+        let p = ball.center + unit(&mut rng) * (ball.radius * (1.0 + 0.8 * rng.uniform()));
+        let q = sensor.project(p).unwrap();
+        let enter = c.scene.intersect(q.o, q.w, f64::INFINITY, &On::default(), None).unwrap();
+        let on = On::at(&enter);
+        let hit = c.scene.intersect(enter.p, q.w, f64::INFINITY, &on, Some(0)).unwrap();
+        if hit.t + enter.t < q.distance {
+            continue;
+        }
+        let span = MediumSpan::new(0, enter.p, q.w, hit.t, &on, Some(&hit));
+        let first = line.first(&Seen::Medium { p, span });
+        let Some(z) =
+            c.scene.intersect(p, unit(&mut rng), f64::INFINITY, &On::default(), Some(0)).filter(|z| z.shape == 2)
+        else {
+            continue;
+        };
+        let Some(attached) = line.held(&first, &z) else { continue };
+        held += 1;
+        let slide = first.ahead_of(&c.moving.field, &z).mapped(attached.map);
+        let first = line.then(first, &Second::Surface(z));
+        // Off the ball at z: its matter, what the first vertex makes it do, and the slide.
+        let own =
+            Velocity::of(Source::at(&z), z.p).plus(1.0, &Moving::on_surface(&first, z.p, false).0).plus(1.0, &slide);
+        let (v, _) = c.moving.in_medium(&c.scene, &first, z.p + z.n * 1e-9, true);
+        for k in 0..NAMES.len() {
+            let (own, v) = (c.vector(&own, k), c.vector(&v, k));
+            assert!((own - v).length() < 1e-5 * (1.0 + own.length()), "{} at {}: {own} {v}", NAMES[k], z.p);
+            moved += usize::from(c.vector(&slide, k).length() > 0.1);
+        }
+        for _ in 0..10 {
+            let y = z.p + z.n * (0.1 * rng.uniform()) + unit(&mut rng) * (0.1 * rng.uniform());
+            if (y - ball.center).length() > ball.radius {
+                c.is_smooth(&first, y);
+            }
+            // Along the ball it stays on it.
+            let on = ball.center + (y - ball.center).normalize() * ball.radius;
+            let over = Moving::on_surface(&first, on, true).0.plus(-1.0, &Moving::on_surface(&first, on, false).0);
+            let n = (on - ball.center).normalize();
+            (0..NAMES.len())
+                .for_each(|k| assert!(c.vector(&over, k).dot(n).abs() < 1e-9 * (1.0 + c.vector(&over, k).length())));
+        }
+        // On the floor nothing of it is left.
+        let far = DVec3::new(z.p.x, 0.0, z.p.z);
+        let [a, b] = [true, false].map(|after| Moving::on_surface(&first, far, after).0);
+        (0..NAMES.len()).for_each(|k| assert_eq!(c.vector(&a, k), c.vector(&b, k)));
+    }
+    assert!(held > 40 && moved > 50, "{held} {moved}");
+}
+
 /// Whatever a first vertex carries along a face that ends somewhere, nothing flows over its edge: no room counts that.
 #[test]
 fn nothing_is_carried_over_the_edge_of_a_face() {
@@ -193,7 +251,7 @@ fn nothing_is_carried_over_the_edge_of_a_face() {
             let span = MediumSpan::new(0, enter.p, q.w, hit.t, &on, Some(&hit));
             let before = Seen::Medium { p: hit.p - q.w * (0.1 * rng.uniform()), span };
             for first in [line.first(&before), line.first(&Seen::Surface { hit, w: q.w })] {
-                carried += usize::from(!Moving::on_surface(&first, hit.p).0.is_zero());
+                carried += usize::from(!Moving::on_surface(&first, hit.p, true).0.is_zero());
                 for _ in 0..50 {
                     let (u, v) = (rng.uniform(), f64::from(u8::from(rng.uniform() < 0.5)));
                     let edge = match (shape, rng.uniform() < 0.5) {
@@ -203,7 +261,7 @@ fn nothing_is_carried_over_the_edge_of_a_face() {
                         _ => DVec2::new(1.0, u),
                     };
                     let p = s.position(0, edge);
-                    let over = Moving::on_surface(&first, p).0;
+                    let over = Moving::on_surface(&first, p, true).0;
                     (0..4).for_each(|k| assert!(c.vector(&over, k).length() < 1e-12, "{shape}: {p}"));
                 }
             }

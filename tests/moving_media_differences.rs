@@ -130,6 +130,22 @@ fn light_that_scatters_twice_and_more() {
     agree_of(&room(ISOTROPIC, LAMP, &at(0.85, 0.4)), orders, &[("r", 0.03)], SPP);
 }
 
+/// Past a low ball the camera sees the floor and the fog beside it, nearer than its radius: points of the ball keep to their direction from there, and the
+/// glowing fog behind them goes along (else a few samples of 1/distance decide, without a variance).
+#[test]
+fn glowing_fog_between_a_floor_and_a_low_ball() {
+    let text = r#"<scene version="3.0.0"><default name="x" value="0"/><default name="r" value="1"/><integrator type="volpath"/>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.3"/><float name="albedo" value="ALBEDO"/><rgb name="emission" value="1"/></medium>
+  <shape type="cube"><transform name="to_world"><scale value="6"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="4"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf></shape>
+  <shape type="sphere"><point name="center" value="$x, 1.1, 0"/><float name="radius" value="$r"/><bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf></shape>
+  <sensor type="orthographic"><transform name="to_world"><scale value="0.2"/><lookat origin="0.5, 3, 4" target="0.5, 0, 0.9" up="0, 1, 0"/></transform><ref id="fog"/>
+    <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor></scene>"#;
+    let twice = Orders { first: 2, last: 2 };
+    agree_of(&text.replace("ALBEDO", "0"), twice, &[("x", 0.05), ("r", 0.02)], 8 * SPP);
+    agree_of(&text.replace("ALBEDO", "0.8"), Orders { first: 2, last: 3 }, &[("x", 0.05), ("r", 0.02)], 4 * SPP);
+}
+
 #[test]
 fn a_block_under_a_lamp() {
     let text = room(ISOTROPIC, LAMP, &at(-0.25, 0.55));

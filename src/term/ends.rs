@@ -8,8 +8,7 @@ use crate::math::{DVec2, DVec3, Rgb};
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::sensor::Projected;
 use crate::shape::{Geometry, Shape};
-use crate::transport::attach::Attached;
-use crate::transport::first::{First, Seen};
+use crate::transport::first::{First, Second, Seen};
 use crate::transport::line::Line;
 use crate::transport::motion::Moving;
 use crate::transport::record::{Event, MediumSpan, Recorder};
@@ -209,52 +208,63 @@ pub enum Point {
     Infinity,
 }
 
-/// The first vertex of the camera's path to a point: the point itself, the one before it, or another one.
+/// How the camera's path to a point begins, and which of its vertices the point is.
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
     first: First,
-    /// Where that first vertex is.
-    p: DVec3,
-    itself: bool,
-    /// The point whose motion is asked for comes right after it.
-    next: bool,
+    place: Place,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Place {
+    First,
+    Second,
+    #[default]
+    Later,
 }
 
 impl Watch {
     /// The point that `q` projects is seen by the camera itself.
     pub fn itself(cx: &Context, q: &Projected, point: &Point) -> Watch {
-        Watch { itself: true, ..Watch::other(cx, q, point, false) }
+        Watch { place: Place::First, ..Watch::by_way(cx, q, point, None) }
     }
 
-    /// The camera's path comes by way of the point that `q` projects.
-    pub fn other(cx: &Context, q: &Projected, point: &Point, next: bool) -> Watch {
+    /// The camera's path comes by way of the point that `q` projects. `second`: the vertex after that, if it is not yet the point whose motion is asked for.
+    pub fn by_way(cx: &Context, q: &Projected, point: &Point, second: Option<&Point>) -> Watch {
         let seen = match point {
             Point::Surface(hit) => Some(Seen::Surface { hit: *hit, w: q.w }),
             Point::Medium(p) if cx.moving.any() => camera_span(cx, q).map(|span| Seen::Medium { p: *p, span }),
             _ => None,
         };
-        Watch::new(cx, seen, next)
+        Watch::new(cx, seen, second)
     }
 
     /// The point is this first vertex.
     pub fn seen(cx: &Context, seen: Seen) -> Watch {
-        Watch { itself: true, ..Watch::new(cx, Some(seen), false) }
+        Watch { place: Place::First, ..Watch::new(cx, Some(seen), None) }
     }
 
-    /// By way of a first vertex that is known, or right after it.
-    pub fn new(cx: &Context, seen: Option<Seen>, next: bool) -> Watch {
+    /// By way of a first vertex that is known, and of a second one if that is not the point itself.
+    pub fn new(cx: &Context, seen: Option<Seen>, second: Option<&Point>) -> Watch {
         let first = seen.filter(|_| cx.moving.any()).map(|s| cx.moving.film_line(cx.scene).first(&s));
-        let p = match seen {
-            Some(Seen::Medium { p, .. }) => p,
-            Some(Seen::Surface { hit, .. }) => hit.p,
-            None => DVec3::NAN,
-        };
-        Watch { first: first.unwrap_or_default(), p, itself: false, next }
+        let watch = Watch { first: first.unwrap_or_default(), place: Place::Second };
+        match second {
+            Some(p) => watch.beyond(cx, p),
+            None => watch,
+        }
     }
 
-    /// The same first vertex, for the point after the one at hand.
-    pub fn later(&self) -> Watch {
-        Watch { itself: false, next: self.itself, ..self.clone() }
+    /// The same beginning, for the point that comes after the one at hand.
+    pub fn beyond(&self, cx: &Context, point: &Point) -> Watch {
+        let first = self.first.clone();
+        match (self.place, point) {
+            (Place::First, _) => Watch { first, place: Place::Second },
+            (Place::Second, Point::Surface(hit)) if cx.moving.any() => {
+                let first = cx.moving.film_line(cx.scene).then(first, &Second::Surface(*hit));
+                Watch { first, place: Place::Later }
+            }
+            _ => Watch { first, place: Place::Later },
+        }
     }
 }
 
@@ -288,18 +298,17 @@ pub fn motion(cx: &Context, point: &Point, watch: &Watch, c: DVec3, out: &mut Pa
         return;
     }
     let velocity = match point {
-        _ if watch.itself => watch.first.velocity.clone(),
+        _ if watch.place == Place::First => watch.first.velocity.clone(),
         Point::Surface(h) => {
-            let (carried, _) = Moving::on_surface(&watch.first, h.p);
+            let (carried, _) = Moving::on_surface(&watch.first, h.p, watch.place == Place::Later);
             let own = moving.moves(h.shape).then(|| Velocity::of(Source::at(h), h.p));
             let own = own.map_or(carried.clone(), |v| v.plus(1.0, &carried));
-            let shape = &scene.shapes[h.shape as usize].shape;
-            match Attached::new(shape, watch.p, h.p, h.n).filter(|_| watch.next) {
-                Some(a) => own.clone().plus(1.0, &watch.first.velocity.clone().plus(-1.0, &own).mapped(a.map)),
+            match moving.film_line(scene).held(&watch.first, h).filter(|_| watch.place == Place::Second) {
+                Some(a) => own.plus(1.0, &watch.first.ahead_of(&moving.field, h).mapped(a.map)),
                 None => own,
             }
         }
-        Point::Medium(p) => moving.in_medium(scene, &watch.first, *p).0,
+        Point::Medium(p) => moving.in_medium(scene, &watch.first, *p, watch.place == Place::Later).0,
         Point::Infinity => return,
     };
     velocity.forms(scene, cx.sensor, c, |p| out.push(p));

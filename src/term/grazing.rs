@@ -481,7 +481,7 @@ impl Graze {
         let (share_s, share_d) = if dd == f64::INFINITY { (1.0, 0.0) } else { (dd / (ds + dd), ds / (ds + dd)) };
         let mut p = Partials::default();
         ends::material(cx.scene, self.grazed(), b, -n, &mut p);
-        ends::motion(cx, &far.at, &watch.later(), n * share_d, &mut p);
+        ends::motion(cx, &far.at, &watch.beyond(cx, near), n * share_d, &mut p);
         ends::motion(cx, near, watch, n * share_s, &mut p);
         p
     }

@@ -169,7 +169,7 @@ impl LightWalk<'_> {
                 s.rng = stream;
                 if let Some(f) = seen {
                     let point = next.hit.map_or(Point::Medium(next.p), Point::Surface);
-                    let watch = Watch::other(cx, &q, &point, s.depth == 2);
+                    let watch = Watch::by_way(cx, &q, &point, second(&z, s.depth == 2).as_ref());
                     self.emit(cx, q.film, s.beta / s.r.mean() * shown * f * share, &watch, emit);
                 }
             }
@@ -258,7 +258,7 @@ impl LightWalk<'_> {
         let phase = m.phase.eval(one_minus_cos(w, dz));
         let flux =
             weight * f * sigma_s * transmittance * way * (phase * q.pixels_per_area / (d * d) / (per_volume + a));
-        let watch = Watch::new(cx, Some(Seen::Medium { p: y, span }), start);
+        let watch = Watch::new(cx, Some(Seen::Medium { p: y, span }), second(z, start).as_ref());
         self.emit(cx, film, flux, &watch, emit);
     }
 
@@ -274,6 +274,11 @@ impl LightWalk<'_> {
         };
         direction * flight_density(cx, z, w, d) / (d * d)
     }
+}
+
+/// A walk's vertex as the second one of the camera's path; its start is where motion is asked for.
+fn second(z: &Vertex, start: bool) -> Option<Point> {
+    (!start).then(|| z.hit.map_or(Point::Medium(z.p), Point::Surface))
 }
 
 /// The medium span of a camera ray that holds the abscissa `t`, and the transmittance up to there.

@@ -1,6 +1,6 @@
 //! What the events of a record mean for the motion of its chains ([`super::motion`]).
 
-use super::first::{First, Seen};
+use super::first::{First, Opening};
 use super::motion::{Chain, Chained, Moving};
 use super::record::{Event, PathRecord};
 use crate::math::Rgb;
@@ -12,10 +12,11 @@ pub struct Start {
     /// Index of the event that the chain begins with.
     begin: usize,
     place: At,
+    second: At,
     pub first: First,
 }
 
-/// Where the event of a first vertex is.
+/// Where the event of a vertex is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum At {
     /// In an earlier chunk.
@@ -29,26 +30,31 @@ enum At {
 pub struct Starts(Vec<Start>);
 
 impl Starts {
-    /// `open`: the first vertex of the chain that the events begin in. Empty where nothing moves.
-    pub fn new(scene: &Scene, moving: &Moving, events: &[Event], open: Option<Seen>) -> Starts {
+    /// `open`: how the chain that the events begin in has begun. Empty where nothing moves.
+    pub fn new(scene: &Scene, moving: &Moving, events: &[Event], open: Opening) -> Starts {
         if !moving.any() {
             return Starts(Vec::new());
         }
         let line = moving.film_line(scene);
-        let mut seen = open;
-        let start = |begin, seen: Option<&Seen>, place| Start {
-            begin,
-            place: if seen.is_some() { place } else { At::Nowhere },
-            first: seen.map_or_else(First::default, |s| line.first(s)),
-        };
-        let mut list = vec![start(0, open.as_ref(), At::Before)];
+        let mut opening = open;
+        let place = |known: bool| if known { At::Before } else { At::Nowhere };
+        let first = open.first.map(|s| line.first(&s)).unwrap_or_default();
+        let first = open.second.iter().fold(first, |first, z| line.then(first, z));
+        let mut list =
+            vec![Start { begin: 0, place: place(open.first.is_some()), second: place(open.second.is_some()), first }];
         for (k, e) in events.iter().enumerate() {
-            let known = seen.is_some();
-            Seen::follow(&mut seen, e);
+            let before = opening;
+            opening.follow(e);
             if matches!(e, Event::Chain) {
-                list.push(start(k, None, At::Nowhere));
-            } else if let (Some(s), false, Some(last)) = (&seen, known, list.last_mut()) {
-                *last = start(last.begin, Some(s), At::Event(k));
+                list.push(Start { begin: k, place: At::Nowhere, second: At::Nowhere, first: First::default() });
+                continue;
+            }
+            let Some(last) = list.last_mut() else { continue };
+            if let (None, Some(s)) = (before.first, opening.first) {
+                (last.first, last.place) = (line.first(&s), At::Event(k));
+            }
+            if let (None, Some(z)) = (before.second, opening.second) {
+                (last.first, last.second) = (line.then(std::mem::take(&mut last.first), &z), At::Event(k));
             }
         }
         Starts(list)
@@ -73,6 +79,11 @@ impl Start {
             At::Nowhere => true,
         };
         let is_first = self.place == At::Event(k);
+        cx.after = match self.second {
+            At::Before => true,
+            At::Event(second) => k > second,
+            At::Nowhere => false,
+        };
         let side = |first: u32, len: u32| &rec.side[first as usize..(first + len) as usize];
         match &rec.events[k] {
             Event::Chain => chain.clear(),

@@ -7,7 +7,11 @@
 //! `V(y) + κ(‖y-x‖/ρ) E(y)`, E being e at x: their differences stay bounded by their distances (57). The part of e along the face
 //! that the camera ray ends on keeps to that face (on a sphere it is a turn about its centre, on a cylinder one about its axis) and may reach it; ρ keeps the rest, and either part, off
 //! everything that medium points must not cross.
+//!
+//! A second vertex z that keeps to its direction from x ([`super::attach`]) slides over its surface by `χ Q (ẋ - ż_B)`; all later points take that over
+//! around z in the same way, or segments from z to points near by would score like one over their lengths, whose square no flight's density makes integrable.
 
+use super::attach::Attached;
 use super::field::{Field, decay};
 use super::piece::{Piece, Stop, onto, outer};
 use super::record::{Event, MediumSpan};
@@ -31,13 +35,44 @@ pub enum Seen {
 }
 
 impl Seen {
-    /// The first vertex of the chain at hand, after one more event.
-    pub fn follow(seen: &mut Option<Seen>, e: &Event) {
-        match *e {
-            Event::Chain => *seen = None,
-            Event::Scatter { p, span: Some(span), .. } if seen.is_none() => *seen = Some(Seen::Medium { p, span }),
-            Event::Surface { hit, wi, .. } if seen.is_none() => *seen = Some(Seen::Surface { hit, w: -wi }),
-            _ => {}
+    pub fn p(&self) -> DVec3 {
+        match self {
+            Seen::Medium { p, .. } => *p,
+            Seen::Surface { hit, .. } => hit.p,
+        }
+    }
+}
+
+/// How a chain begins, as far as it has come.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Opening {
+    pub first: Option<Seen>,
+    pub second: Option<Second>,
+}
+
+/// Where the second vertex is.
+#[derive(Clone, Copy, Debug)]
+pub enum Second {
+    Medium,
+    Surface(Hit),
+}
+
+impl Opening {
+    /// After one more event.
+    pub fn follow(&mut self, e: &Event) {
+        let vertex = match *e {
+            Event::Chain => {
+                *self = Opening::default();
+                return;
+            }
+            Event::Scatter { p, span, .. } => (span.map(|span| Seen::Medium { p, span }), Second::Medium),
+            Event::Surface { hit, wi, .. } => (Some(Seen::Surface { hit, w: -wi }), Second::Surface(hit)),
+            _ => return,
+        };
+        if self.first.is_none() {
+            self.first = vertex.0;
+        } else if self.second.is_none() {
+            self.second = Some(vertex.1);
         }
     }
 }
@@ -57,10 +92,13 @@ pub struct First {
     pub stretch: Rate,
     /// How the ray turns, ω̇.
     pub turn: Velocity,
+    at: Option<DVec3>,
     excess: Option<Excess>,
+    /// Of the second vertex, for those after it.
+    after: Option<Excess>,
 }
 
-/// What later vertices take over from the first.
+/// What later vertices take over from one of the first two.
 #[derive(Clone, Debug)]
 struct Excess {
     x: DVec3,
@@ -74,9 +112,9 @@ struct Excess {
 #[derive(Clone, Copy, Debug)]
 enum Guide {
     Plane(DVec3),
-    /// Centre, and the unit vector and distance from it to the first vertex.
+    /// Centre, and the unit vector and distance from it to the vertex.
     Sphere(DVec3, DVec3, f64),
-    /// A point of the axis and its direction, and the unit vector and distance from it to the first vertex.
+    /// A point of the axis and its direction, and the unit vector and distance from it to the vertex.
     Cylinder(DVec3, DVec3, DVec3, f64),
 }
 
@@ -168,7 +206,7 @@ impl FilmLine<'_> {
     fn surface(&self, hit: &Hit, w: DVec3) -> First {
         let stop = Stop::Opaque { shape: hit.shape, face: hit.face, n: hit.n };
         let velocity = self.end(hit.p, w, &stop);
-        let mut first = First { velocity, ..First::default() };
+        let mut first = First { velocity, at: Some(hit.p), ..First::default() };
         if self.field.follows() {
             let mut e = first.velocity.clone();
             if self.field.class(hit.shape).is_some() {
@@ -185,7 +223,7 @@ impl FilmLine<'_> {
         let [a, b] = self.ends(&piece);
         let w = piece.w;
         let (before, length) = ((p - piece.start()).dot(w), piece.t1 - piece.t0);
-        let mut first = First::default();
+        let mut first = First { at: Some(p), ..First::default() };
         if length.is_finite() {
             let f = (before / length).clamp(0.0, 1.0);
             first.stretch.add(&b, w / length);
@@ -211,6 +249,23 @@ impl FilmLine<'_> {
         };
         first.excess = self.excess(p, e, face, false);
         first
+    }
+
+    /// The same first vertex, for a path whose second is this one.
+    #[must_use]
+    pub fn then(&self, first: First, second: &Second) -> First {
+        let Second::Surface(hit) = second else { return first };
+        if !self.field.follows() {
+            return first;
+        }
+        let slides = self.held(&first, hit).map(|a| first.ahead_of(self.field, hit).mapped(a.map));
+        let face = Some((hit.shape, hit.face, hit.n));
+        First { after: slides.and_then(|e| self.excess(hit.p, e, face, true)), ..first }
+    }
+
+    /// How the second vertex keeps to its direction from the first.
+    pub fn held(&self, first: &First, second: &Hit) -> Option<Attached> {
+        Attached::new(&self.scene.shapes[second.shape as usize].shape, first.at?, second.p, second.n)
     }
 
     /// `along`: e keeps to the face as it is.
@@ -247,14 +302,23 @@ impl FilmLine<'_> {
 }
 
 impl First {
-    /// Adds to V at a later point y, and to its divergence, what the first vertex carries along.
-    pub fn carry(&self, y: DVec3, v: Velocity, rate: &mut Rate) -> Velocity {
-        let Some(x) = self.excess.as_ref().filter(|x| (y - x.x).length_squared() < x.reach() * x.reach()) else {
-            return v;
-        };
-        let (map, spread) = x.at(y);
-        rate.add(&x.e, spread);
-        v.plus(1.0, &x.e.mapped(map))
+    /// Adds to V at a later point y, and to its divergence, what the first vertex carries along, and the second one if `y` comes `after` it.
+    pub fn carry(&self, y: DVec3, after: bool, mut v: Velocity, rate: &mut Rate) -> Velocity {
+        for x in self.excess.iter().chain(self.after.iter().filter(|_| after)) {
+            if (y - x.x).length_squared() < x.reach() * x.reach() {
+                let (map, spread) = x.at(y);
+                rate.add(&x.e, spread);
+                v = v.plus(1.0, &x.e.mapped(map));
+            }
+        }
+        v
+    }
+
+    /// `ẋ - ż_B`: what it does on top of a second vertex on a surface, as that would move by itself.
+    pub fn ahead_of(&self, field: &Field, z: &Hit) -> Velocity {
+        let own = field.class(z.shape).map(|_| Velocity::of(Source::at(z), z.p)).unwrap_or_default();
+        let own = self.carry(z.p, false, own, &mut Rate::default());
+        self.velocity.clone().plus(-1.0, &own)
     }
 
     /// Whether it carries anything.

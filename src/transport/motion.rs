@@ -71,17 +71,17 @@ impl Moving {
         FilmLine { scene, field: &self.field, camera: self.camera }
     }
 
-    /// Velocity of a later medium vertex, and its divergence.
-    pub fn in_medium(&self, scene: &Scene, first: &First, p: DVec3) -> (Velocity, Rate) {
+    /// Velocity of a later medium vertex, and its divergence. `after`: it comes after the second one, too.
+    pub fn in_medium(&self, scene: &Scene, first: &First, p: DVec3, after: bool) -> (Velocity, Rate) {
         let (v, mut rate) = self.field.at(scene, p);
-        let v = first.carry(p, v, &mut rate);
+        let v = first.carry(p, after, v, &mut rate);
         (v, rate)
     }
 
     /// What a later surface point does on top of its matter, and the divergence of that.
-    pub fn on_surface(first: &First, p: DVec3) -> (Velocity, Rate) {
+    pub fn on_surface(first: &First, p: DVec3, after: bool) -> (Velocity, Rate) {
         let mut rate = Rate::default();
-        let v = first.carry(p, Velocity::default(), &mut rate);
+        let v = first.carry(p, after, Velocity::default(), &mut rate);
         (v, rate)
     }
 }
@@ -130,6 +130,8 @@ pub struct Chained<'a, S: Sink> {
     pub sensor: &'a Sensor,
     pub moving: &'a Moving,
     pub first: &'a First,
+    /// Whether the event at hand is behind the second vertex.
+    pub after: bool,
     pub sink: &'a mut S,
 }
 
@@ -152,7 +154,7 @@ impl<S: Sink> Chained<'_, S> {
     fn tip(&self, end: End) -> Tip {
         match end {
             End::Shape { shape, face, p, n } => {
-                let (carried, spread) = Moving::on_surface(self.first, p);
+                let (carried, spread) = Moving::on_surface(self.first, p, self.after);
                 let (at, turn) = (Covector::default(), Covector::default());
                 Tip::Surface { shape, face, p, n, carried, spread, at, turn }
             }
@@ -423,13 +425,13 @@ impl<'a> Vertex<'a> {
     fn ride<S: Sink>(self, cx: &mut Chained<S>, after: Rgb) -> Tip {
         match self.place {
             Place::Medium { p, .. } => {
-                let (velocity, rate) = cx.moving.in_medium(cx.scene, cx.first, p);
+                let (velocity, rate) = cx.moving.in_medium(cx.scene, cx.first, p, cx.after);
                 velocity.apply(cx.scene, cx.sensor, &self.at, cx.sink);
                 rate.apply(cx.scene, cx.sensor, after, cx.sink);
                 Tip::Medium { p, velocity, turned: self.turn }
             }
             Place::Surface(hit) => {
-                let (carried, spread) = Moving::on_surface(cx.first, hit.p);
+                let (carried, spread) = Moving::on_surface(cx.first, hit.p, cx.after);
                 move_surface(cx, [hit.shape, hit.face], hit.p, hit.ns, &self.at, &self.turn, &carried);
                 if cx.moving.moves(hit.shape) {
                     cx.scene.matter(hit.shape, hit.face).area(hit.n, after, cx.sink);

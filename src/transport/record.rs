@@ -4,7 +4,7 @@
 //! Memory is bounded: a path longer than `CHUNK` events keeps checkpoints, and the sweep regenerates one chunk at a time.
 
 use super::aim::Aim;
-use super::first::Seen;
+use super::first::Opening;
 use super::sweep::Candidates;
 use super::walk::{Flight, State};
 use crate::light::{Arrival, Emission};
@@ -196,16 +196,15 @@ impl Recorder for NoRecord {
 pub struct PathRecord {
     pub events: Vec<Event>,
     pub side: Vec<MediumSpan>,
-    /// With the first vertex of the chain that goes on there.
-    pub chunk_starts: Vec<(State, Option<Seen>)>,
+    /// With the beginning of the chain that goes on there.
+    pub chunk_starts: Vec<(State, Opening)>,
     /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
     pub candidates: Option<Candidates>,
     /// Events held at a time.
     pub chunk: usize,
     /// Lights that move, by their bits; 0 for the others.
     pub moving: Vec<u64>,
-    /// The first vertex of the chain at hand.
-    pub seen: Option<Seen>,
+    opening: Opening,
     unused: Rng,
 }
 
@@ -218,7 +217,7 @@ impl PathRecord {
             candidates: None,
             chunk: CHUNK,
             moving: Vec::new(),
-            seen: None,
+            opening: Opening::default(),
             unused: Rng::keyed(0, 0, 0, 0),
         }
     }
@@ -227,6 +226,7 @@ impl PathRecord {
     pub fn begin(&mut self, candidates: Option<Candidates>) {
         self.events.clear();
         self.side.clear();
+        self.opening = Opening::default();
         self.candidates = candidates;
     }
 }
@@ -241,7 +241,7 @@ impl Recorder for PathRecord {
     const ON: bool = true;
 
     fn push(&mut self, e: Event) {
-        Seen::follow(&mut self.seen, &e);
+        self.opening.follow(&e);
         self.events.push(e);
     }
 
@@ -270,7 +270,7 @@ impl Recorder for PathRecord {
         candidates.scan(scene, &self.events);
         self.events.clear();
         self.side.clear();
-        self.chunk_starts.push((state.clone(), self.seen));
+        self.chunk_starts.push((state.clone(), self.opening));
         false
     }
 

@@ -15,7 +15,7 @@
 
 use super::border::{Borders, Place};
 use super::chained::Starts;
-use super::first::Seen;
+use super::first::Opening;
 use super::motion::{Chain, Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::walk::{Flight, Stage, State, Tally, Walker};
@@ -271,7 +271,7 @@ impl Sweep<'_> {
 
         // Backward: the last chunk is at hand, earlier ones are walked again.
         let mut chain = Chain::default();
-        let open = rec.chunk_starts.last().and_then(|s| s.1);
+        let open = rec.chunk_starts.last().map(|s| s.1).unwrap_or_default();
         let mut after = self.backward(rec, open, Rgb::ZERO, &mut chain, sink);
         let starts = std::mem::take(&mut rec.chunk_starts);
         for k in (0..starts.len()).rev() {
@@ -283,7 +283,7 @@ impl Sweep<'_> {
             } else {
                 w.run(starts[k - 1].0.clone());
             }
-            let open = if k == 0 { None } else { starts[k - 1].1 };
+            let open = if k == 0 { Opening::default() } else { starts[k - 1].1 };
             after = self.backward(rec, open, after, &mut chain, sink);
         }
         rec.chunk_starts = starts;
@@ -294,7 +294,7 @@ impl Sweep<'_> {
     fn backward(
         &self,
         rec: &PathRecord,
-        open: Option<Seen>,
+        open: Opening,
         mut after: Rgb,
         chain: &mut Chain,
         sink: &mut impl Sink,
@@ -303,7 +303,8 @@ impl Sweep<'_> {
         for (k, e) in rec.events.iter().enumerate().rev() {
             if let Some(start) = starts.at(k) {
                 let moving = &self.facts.moving;
-                let mut cx = Chained { scene: self.scene, sensor: self.sensor, moving, first: &start.first, sink };
+                let mut cx =
+                    Chained { scene: self.scene, sensor: self.sensor, moving, first: &start.first, after: false, sink };
                 start.event(&mut cx, chain, rec, k, after);
             }
             after = self.event(rec, e, after, sink);
