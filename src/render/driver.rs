@@ -5,16 +5,18 @@ use super::film::{Film, FilmSpec, batch_ranges};
 use super::filter;
 use super::gradient::{Batches, Gradient, Size};
 use super::health::{Health, Mishap};
+use super::limb::{LIMB_KEY, Limbs};
 use super::plan::Terms;
 use super::rooms::{self, Rooms};
+use super::swept::{Derivatives, Swept};
 use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
-use crate::params::{Both, Forward, Gauge, ParamSet, Reverse};
+use crate::params::{Forward, Gauge, ParamSet, Reverse};
 use crate::scene::Scene;
 use crate::transport::{self, PathRecord, State, Sweep, SweepFacts, Tally, border};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Pixels of one work item.
@@ -86,6 +88,14 @@ pub struct Outcome {
     pub room_seconds: Vec<(&'static str, f64)>,
 }
 
+/// What threads share.
+struct Work<'a> {
+    swept: Option<Swept<'a>>,
+    limbs: Option<Limbs<'a>>,
+    rooms: Option<Rooms<'a>>,
+    film: Film,
+}
+
 impl Job<'_> {
     pub fn width(&self) -> usize {
         self.crop[2] - self.crop[0]
@@ -111,16 +121,17 @@ impl Job<'_> {
         }
     }
 
-    /// The state a sample of a pixel starts from. The key holds the pixel of the whole film, so a crop has the same bits.
-    fn state(&self, purpose: Purpose, x: usize, y: usize, sample: u64) -> State {
+    /// The state a sample of a pixel starts from, and its film point. The key holds the pixel of the whole film, so a crop has the same bits.
+    fn state(&self, purpose: Purpose, x: usize, y: usize, sample: u64) -> (State, [f64; 2]) {
         let sensor = &self.scene.sensors[self.sensor];
         let pixel = self.pixel_key(x, y);
         let film = self.scene.films[self.sensor];
         let mut rng = Rng::of(film.even, self.seed, purpose as u64, pixel, sample);
         let f = film.part.filter;
         let (dx, dy) = (filter::sample(f, &mut rng), filter::sample(f, &mut rng));
-        let (o, w) = sensor.ray(x as f64 + 0.5 + dx, y as f64 + 0.5 + dy);
-        State::new(rng, o, w, sensor.medium)
+        let point = [x as f64 + 0.5 + dx, y as f64 + 0.5 + dy];
+        let (o, w) = sensor.ray(point[0], point[1]);
+        (State::new(rng, o, w, sensor.medium), point)
     }
 
     fn pixel_key(&self, x: usize, y: usize) -> u64 {
@@ -142,7 +153,7 @@ impl Job<'_> {
         for i in 0..n {
             let x = (rng.uniform() * sensor.width as f64) as usize;
             let y = (rng.uniform() * sensor.height as f64) as usize;
-            let state = self.state(Purpose::Pilot, x, y, i);
+            let (state, _) = self.state(Purpose::Pilot, x, y, i);
             let mut tally = Tally::default();
             let value = match (sweep, params) {
                 (Some(sweep), Some(p)) => {
@@ -214,11 +225,15 @@ impl Job<'_> {
         let borders = swept.map(|p| p.only(|s| self.scene.moves_a_border(s))).filter(ParamSet::any_active);
         let borders = borders.as_ref().filter(|_| self.split);
         let (scene, sensor) = (self.scene, &self.scene.sensors[self.sensor]);
-        let sweep = swept.map(|params| {
+        let (images, room_count) = (self.layers().len() - 1, rooms.as_ref().map_or(0, |r| r.list.len()));
+        let split_layers = self.split.then_some([1 + images, 1 + (2 + room_count) * images]);
+        let swept = swept.map(|params| {
             let facts = Arc::new(SweepFacts::new(scene, sensor, params)?);
-            Ok(Sweep { scene, set: &scene.settings, params, facts, sensor })
+            let sweep = Sweep { scene, set: &scene.settings, params, facts, sensor };
+            Ok(Swept { sweep, borders, images, layers: split_layers })
         });
-        let sweep = sweep.transpose()?;
+        let swept = swept.transpose()?;
+        let limbs = swept.as_ref().and_then(|s| Limbs::new(scene, self.sensor, s.sweep.params));
         let mut layers = self.layers();
         layers.extend(self.term_layers("interior"));
         rooms.iter().flat_map(|r| &r.list).for_each(|r| layers.extend(self.term_layers(r.name())));
@@ -227,10 +242,9 @@ impl Job<'_> {
             width: self.width(),
             height: self.height(),
             layers,
-            quantum: self.quanta(sweep.as_ref(), &mut rooms, borders.is_some(), wide),
+            quantum: self.quanta(swept.as_ref().map(|s| &s.sweep), &mut rooms, borders.is_some(), wide),
         };
-        let rooms = rooms.as_ref();
-        let mut film = Film::new(spec);
+        let mut work = Work { swept, limbs, rooms, film: Film::new(spec) };
         let pixels = self.width() * self.height();
         let tiles = pixels.div_ceil(TILE);
         let batches = batch_ranges(self.spp);
@@ -243,7 +257,7 @@ impl Job<'_> {
         let mut gradients = Batches::new(size);
         let (mut taken, mut error) = (0, f64::NAN);
         let mut target_reached = self.target_error.map(|_| false);
-        let light_on_ray = std::sync::Mutex::new(None);
+        let light_on_ray = Mutex::new(None);
         for (index, &(first, n)) in batches.iter().enumerate() {
             let done = std::sync::atomic::AtomicUsize::new(0);
             let dropped = AtomicBool::new(false);
@@ -256,7 +270,7 @@ impl Job<'_> {
                     return;
                 }
                 let range = tile * TILE..((tile + 1) * TILE).min(pixels);
-                self.tile(range, first..first + n, sweep.as_ref(), borders, rooms, &film, &light_on_ray, sink);
+                self.tile(range, first..first + n, &work, &light_on_ray, sink);
                 let k = done.fetch_add(1, Ordering::Relaxed) + 1;
                 progress(Progress {
                     done: (index as f64 + k as f64 / tiles as f64) / batches.len() as f64,
@@ -265,17 +279,20 @@ impl Job<'_> {
                     error,
                 });
             });
-            if let Some(r) = rooms {
-                self.outward(r, first..first + n, &film, &dropped, &mut gradient);
+            if let Some(r) = &work.rooms {
+                self.outward(r, first..first + n, &work.film, &dropped, &mut gradient);
+            }
+            if let (Some(limbs), Some(swept)) = (&work.limbs, &work.swept) {
+                self.limbs(limbs, swept, first..first + n, &work.film, &dropped, &mut gradient);
             }
             if dropped.into_inner() {
-                film.discard_batch();
+                work.film.discard_batch();
                 break;
             }
-            film.end_batch(index as u64, n)?;
+            work.film.end_batch(index as u64, n)?;
             taken += n;
             gradients.push(gradient, n);
-            error = relative_error(&film);
+            error = relative_error(&work.film);
             if self.target_error.is_some_and(|t| index >= 7 && error <= t) {
                 target_reached = Some(true);
                 break;
@@ -290,6 +307,7 @@ impl Job<'_> {
         }
         let gradient = reverse.then(|| gradients.finish());
         let light_on_ray = light_on_ray.into_inner().unwrap_or(None);
+        let Work { rooms, film, .. } = work;
         Ok(Outcome {
             film,
             gradient,
@@ -380,52 +398,32 @@ impl Job<'_> {
         &self,
         pixels: std::ops::Range<usize>,
         samples: std::ops::Range<u64>,
-        sweep: Option<&Sweep>,
-        borders: Option<&ParamSet>,
-        rooms: Option<&Rooms>,
-        film: &Film,
-        light_on_ray: &std::sync::Mutex<Option<[usize; 2]>>,
+        work: &Work,
+        light_on_ray: &Mutex<Option<[usize; 2]>>,
         reverse: &mut Option<Reverse>,
     ) {
-        let mut rec = sweep.map(|_| PathRecord::new());
-        let k = if let Mode::Forward(p) = &self.mode { p.len() } else { 0 };
-        let (mut images, mut at_borders) = (vec![Rgb::ZERO; k], vec![Rgb::ZERO; k]);
+        let Work { swept, limbs, rooms, film } = work;
+        let images = swept.as_ref().map_or(0, |s| s.images);
+        let (mut one, mut derivative) = (Derivatives::new(images), Derivatives::new(images));
         let mut tally = Tally::default();
         for pixel in pixels {
             let (x, y) = (self.crop[0] + pixel % self.width(), self.crop[1] + pixel / self.width());
+            let key = self.pixel_key(x, y);
             let mut sum = Rgb::ZERO;
-            let (mut derivative, mut by_borders) = (vec![Rgb::ZERO; k], vec![Rgb::ZERO; k]);
-            if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
-                r.adjoint = adjoint[pixel];
-            }
+            derivative.clear();
             for s in samples.clone() {
-                let state = self.state(Purpose::Path, x, y, s);
+                let (state, point) = self.state(Purpose::Path, x, y, s);
                 let on_ray = tally.light_on_ray;
-                let value = match (sweep, &mut rec, &self.mode) {
-                    (Some(sweep), Some(rec), mode) => {
-                        let key = self.pixel_key(x, y);
+                let weight = limbs.as_ref().map_or(1.0, |l| l.weight(point, [x, y]));
+                if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
+                    r.adjoint = adjoint[pixel] * weight;
+                }
+                let value = match swept {
+                    Some(swept) => {
                         let d = Rng::keyed(self.seed, Purpose::Derivative as u64, key, s);
-                        match (mode, &mut *reverse) {
-                            (Mode::Forward(_), _) => {
-                                let mut sink = Forward::new(sweep.params);
-                                let v = match borders {
-                                    None => sweep.sample(state, d, rec, &mut sink, &mut tally),
-                                    Some(b) => {
-                                        let mut own = Forward::new(b);
-                                        let mut both = Both(&mut sink, &mut own);
-                                        let v = sweep.sample(state, d, rec, &mut both, &mut tally);
-                                        own.take(&mut at_borders);
-                                        v
-                                    }
-                                };
-                                sink.take(&mut images);
-                                v
-                            }
-                            (_, Some(r)) => sweep.sample(state, d, rec, r, &mut tally),
-                            _ => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
-                        }
+                        swept.path(state, d, &mut one, reverse, &mut tally)
                     }
-                    _ => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
+                    None => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
                 };
                 if tally.light_on_ray > on_ray {
                     if let Ok(mut first) = light_on_ray.lock() {
@@ -434,28 +432,19 @@ impl Job<'_> {
                     }
                 }
                 // A sample that is not a number is left out whole and counted, never set to 0 in silence.
-                if !value.is_finite() || images.iter().any(|d| !d.is_finite()) {
+                if !value.is_finite() || !one.is_finite() {
                     film.reject_sample(pixel);
                     continue;
                 }
                 sum += value;
-                derivative.iter_mut().zip(&images).for_each(|(a, b)| *a += *b);
-                by_borders.iter_mut().zip(&at_borders).for_each(|(a, b)| *a += *b);
+                derivative.add(&one, weight);
             }
             film.add(pixel, 0, sum);
-            for (j, d) in derivative.iter().enumerate() {
-                film.add(pixel, j + 1, *d);
-                if self.split {
-                    film.add(pixel, 1 + k + j, *d - by_borders[j]);
-                    if borders.is_some() {
-                        let layer = 1 + (2 + rooms.map_or(0, |r| r.list.len())) * k + j;
-                        film.add(pixel, layer, by_borders[j]);
-                    }
-                }
+            if let Some(swept) = swept {
+                swept.deposit(&derivative, 1.0, pixel, film);
             }
-            for room in 0..rooms.map_or(0, |r| r.list.len()) {
-                for (s, rooms) in samples.clone().flat_map(|s| rooms.map(|r| (s, r))) {
-                    let key = self.pixel_key(x, y);
+            if let Some(rooms) = rooms {
+                for (room, s) in (0..rooms.list.len()).flat_map(|r| samples.clone().map(move |s| (r, s))) {
                     rooms.along(room, [x, y], key, s, &mut tally, &mut |c| {
                         self.contribute(room, &c, film, reverse);
                     });
@@ -463,6 +452,49 @@ impl Job<'_> {
             }
         }
         count(&film.health, &tally);
+    }
+
+    /// Paths of one batch through the limbs of spheres.
+    fn limbs(
+        &self,
+        limbs: &Limbs,
+        swept: &Swept,
+        samples: std::ops::Range<u64>,
+        film: &Film,
+        dropped: &AtomicBool,
+        gradient: &mut Gradient,
+    ) {
+        let sensor = &self.scene.sensors[self.sensor];
+        let (first, end) = (samples.start * limbs.count(), samples.end * limbs.count());
+        let blocks = (end - first).div_ceil(rooms::BLOCK) as usize;
+        gradient.gather(blocks, matches!(self.mode, Mode::Reverse(..)), |k, reverse| {
+            if self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
+                dropped.store(true, Ordering::Relaxed);
+                return;
+            }
+            let first = first + k as u64 * rooms::BLOCK;
+            let (mut d, mut tally) = (Derivatives::new(swept.images), Tally::default());
+            for i in first..(first + rooms::BLOCK).min(end) {
+                let key = LIMB_KEY | self.sensor as u64;
+                let mut rng = Rng::of(limbs.even(), self.seed, Purpose::Path as u64, key, i);
+                let Some(point) = limbs.sample(&mut rng) else { continue };
+                let pixels = limbs.weights(point).filter_map(|(p, w)| Some((self.in_crop(p)?, w)));
+                let pixels: Vec<(usize, f64)> = pixels.collect();
+                let Some(&(nearest, _)) = pixels.first() else { continue };
+                if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
+                    r.adjoint = pixels.iter().fold(Rgb::ZERO, |sum, (p, w)| sum + adjoint[*p] * *w);
+                }
+                let (o, w) = sensor.ray(point[0], point[1]);
+                let stream = Rng::keyed(self.seed, Purpose::Derivative as u64, key, i);
+                swept.path(State::new(rng, o, w, sensor.medium), stream, &mut d, reverse, &mut tally);
+                if d.is_finite() {
+                    pixels.iter().for_each(|(p, w)| swept.deposit(&d, *w, *p, film));
+                } else {
+                    film.reject_sample(nearest);
+                }
+            }
+            count(&film.health, &tally);
+        });
     }
 }
 

@@ -39,6 +39,18 @@ pub fn density(filter: Filter, x: f64) -> f64 {
     }
 }
 
+/// Pixels of a film of this size (width, height) whose filter may reach a film point.
+pub fn pixels(filter: Filter, film: [f64; 2], size: [usize; 2]) -> impl Iterator<Item = [usize; 2]> {
+    // Pixels x with |film - (x + 1/2)| <= radius.
+    let range = |k: usize| {
+        let lo = (film[k] - 0.5 - radius(filter)).ceil().max(0.0) as usize;
+        let hi = (film[k] - 0.5 + radius(filter)).floor();
+        lo..(if hi < 0.0 { 0 } else { hi as usize + 1 }).min(size[k])
+    };
+    let columns = range(0);
+    range(1).flat_map(move |y| columns.clone().map(move |x| [x, y]))
+}
+
 /// Beyond this offset in pixels the filter is 0.
 pub fn radius(filter: Filter) -> f64 {
     match filter {

@@ -195,22 +195,14 @@ impl<'a> Rooms<'a> {
     pub fn outward(&self, room: usize, sample: u64, tally: &mut Tally, f: &mut dyn FnMut(Contribution)) {
         let mut cx = self.context();
         let mut rng = Rng::of(self.even, self.seed, self.purpose(room, true), self.index as u64, sample);
-        let (radius, size) = (cx.margin, [self.sensor.width, self.sensor.height]);
+        let size = [self.sensor.width, self.sensor.height];
         self.list[room].outward(&mut cx, &mut rng, &mut |s| {
-            // Pixels x with |film - (x + 1/2)| <= radius.
-            let range = |k: usize| {
-                let lo = (s.film[k] - 0.5 - radius).ceil().max(0.0) as usize;
-                let hi = (s.film[k] - 0.5 + radius).floor();
-                lo..(if hi < 0.0 { 0 } else { hi as usize + 1 }).min(size[k])
-            };
-            for y in range(1) {
-                let wy = filter::density(self.filter, s.film[1] - (y as f64 + 0.5));
-                for x in range(0) {
-                    let w = wy * filter::density(self.filter, s.film[0] - (x as f64 + 0.5));
-                    if w > 0.0 {
-                        let weight = s.flux * s.weigh(w, self.along[room], self.outward[room] as f64);
-                        f(Contribution { pixel: [x, y], weight, sample: s });
-                    }
+            for pixel in filter::pixels(self.filter, s.film, size) {
+                let offset = |k: usize| s.film[k] - (pixel[k] as f64 + 0.5);
+                let w = filter::density(self.filter, offset(0)) * filter::density(self.filter, offset(1));
+                if w > 0.0 {
+                    let weight = s.flux * s.weigh(w, self.along[room], self.outward[room] as f64);
+                    f(Contribution { pixel, weight, sample: s });
                 }
             }
         });
