@@ -14,6 +14,7 @@ use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
 use crate::params::{Forward, Gauge, ParamSet, Reverse};
 use crate::scene::Scene;
+use crate::term::Motion;
 use crate::transport::{self, PathRecord, State, Sweep, SweepFacts, Tally, border};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -212,9 +213,10 @@ impl Job<'_> {
     fn run_with(&self, progress: &(dyn Fn(Progress) + Sync), wide: bool) -> Result<Outcome> {
         let start = Instant::now();
         let params = self.mode.params().filter(|p| !p.is_empty());
-        let rooms =
-            params.map(|p| Rooms::new(self.scene, self.sensor, self.crop, self.seed, p, |n| self.terms.wants(n)));
-        let rooms = rooms.transpose()?;
+        let motion =
+            params.map(|p| Motion::new(self.scene, &self.scene.sensors[self.sensor], p)).transpose()?.map(Arc::new);
+        let new = |m| Rooms::new(self.scene, self.sensor, self.crop, self.seed, m, |n| self.terms.wants(n));
+        let rooms = motion.as_ref().map(new).transpose()?;
         let mut rooms = rooms.filter(|r| !r.is_empty());
         // The sweep computes two terms, told apart by their slots.
         let swept = params.map(|p| {
@@ -233,7 +235,7 @@ impl Job<'_> {
             Ok(Swept { sweep, borders, images, layers: split_layers })
         });
         let swept = swept.transpose()?;
-        let limbs = swept.as_ref().and_then(|s| Limbs::new(scene, self.sensor, s.sweep.params));
+        let limbs = motion.filter(|_| swept.is_some()).and_then(|m| Limbs::new(scene, self.sensor, &m));
         let mut layers = self.layers();
         layers.extend(self.term_layers("interior"));
         rooms.iter().flat_map(|r| &r.list).for_each(|r| layers.extend(self.term_layers(r.name())));

@@ -1,25 +1,35 @@
-//! More paths of a derivative through film points near the limbs of spheres.
+//! More paths of a derivative through film points near the outlines of what moves.
 //!
-//! A first vertex slides along its film point's ray ([T] (60)), which takes it over a sphere by `1/cos θ` of the angle θ at which it is met: scores squared grow
-//! like 1/cos², whose integral over the film has no bound at the limb (cos θ = 0) but for a logarithm. So paths of their own start at film points
-//! drawn with density `~ 1/cos θ`, weighed against those of the pixels by the balance heuristic. They score derivatives only: the picture is that of the pixels' paths.
+//! The film holds the first vertex of a path. Where a sphere is met at grazing, `cos θ -> 0`, it slides over it by 1/cos θ; near a silhouette's edge it is close
+//! to points that move otherwise, at a distance not below that on the film. Either way scores squared grow so that their integral over the film is
+//! unbounded but for a logarithm. So paths of their own start at film points drawn near outlines, with a density `~ 1/cos θ` on a sphere's disc and `~ β^-1/2` at
+//! the distance β from an edge, weighed against those of the pixels by the balance heuristic. They score derivatives only: the picture is that of
+//! the pixels' paths.
 
 use super::filter;
 use crate::math::discrete::Discrete;
 use crate::math::rng::{Purpose, Rng};
-use crate::math::{DVec3, warp};
-use crate::params::ParamSet;
+use crate::math::{DVec2, DVec3, warp};
 use crate::scene::Scene;
 use crate::scene::parts::Filter;
 use crate::sensor::{Projection, Sensor};
 use crate::shape::Shape;
+use crate::term::Motion;
+use crate::term::outline::Outlines;
 use std::f64::consts::PI;
 
-/// Paths for one of each pixel's, per pixel that shows a sphere.
+/// Paths for one of each pixel's, per pixel beside an outline.
 const RATE: f64 = 0.5;
-/// Rays that measure how much of a sphere is seen.
-const PROBES: u64 = 256;
+/// Rays that measure how much is seen: of a sphere, and of an edge.
+const PROBES: [u32; 2] = [256, 4];
+/// Half width of the strip around an edge, in pixels and in films.
+const HALF_WIDTH: (f64, f64) = (1.0, 0.04);
+/// Strips on one film point, on average, above which they are made narrower.
+const CROWD: f64 = 64.0;
+/// Marks the keys of these paths in streams that they share with the pixels'.
+pub const LIMB_KEY: u64 = 1 << 62;
 
+/// A sphere.
 #[derive(Clone, Copy, Debug)]
 struct Ball {
     c: DVec3,
@@ -28,11 +38,21 @@ struct Ball {
     share: f64,
 }
 
-/// The spheres that a camera sees in motion.
+/// Both sides of a straight outline, in pixels.
+#[derive(Clone, Copy, Debug)]
+struct Strip {
+    a: DVec2,
+    along: DVec2,
+    length: f64,
+    share: f64,
+}
+
+/// What a camera sees of outlines in motion.
 pub struct Limbs<'a> {
     sensor: &'a Sensor,
     filter: Filter,
     balls: Vec<Ball>,
+    strips: Strips,
     table: Discrete,
     /// Paths over the whole film for one of each pixel's.
     count: u64,
@@ -41,28 +61,48 @@ pub struct Limbs<'a> {
 
 impl<'a> Limbs<'a> {
     /// `None` where there are none.
-    pub fn new(scene: &'a Scene, sensor: usize, params: &ParamSet) -> Option<Limbs<'a>> {
+    pub fn new(scene: &'a Scene, sensor: usize, motion: &Motion) -> Option<Limbs<'a>> {
+        if !motion.surfaces() {
+            return None;
+        }
         let (film, sensor) = (&scene.films[sensor], &scene.sensors[sensor]);
         let (filter, even) = (film.part.filter, film.even);
-        let looks = sensor.moves(params);
+        let margin = filter::radius(filter);
+        let keep = |shape: u32| motion.moving.camera || motion.moves(shape);
         let mut balls = Vec::new();
-        let mut areas = Vec::new();
         for (i, s) in scene.shapes.iter().enumerate() {
             let Shape::Sphere(sphere) = &s.shape else { continue };
-            if scene.is_null(s) || !(looks || s.moves(params)) {
-                continue;
-            }
-            let ball = Ball { c: sphere.center, r: sphere.radius, share: 1.0 };
-            let area = ball.seen(scene, sensor, i as u32, filter::radius(filter));
-            if area > 0.0 {
-                balls.push(ball);
-                areas.push(area);
+            if !scene.is_null(s) && keep(i as u32) {
+                let ball = Ball { c: sphere.center, r: sphere.radius, share: 1.0 };
+                let share = ball.seen(scene, sensor, i as u32, margin);
+                balls.push(Ball { share, ..ball });
             }
         }
+        balls.retain(|b| b.share > 0.0);
+        let mut strips = Strips::new(scene, sensor, motion, margin, keep);
+        // Shares are areas so far.
+        let areas: Vec<f64> = balls.iter().map(|b| b.share).chain(strips.list.iter().map(|s| s.share)).collect();
         let total: f64 = areas.iter().sum();
-        balls.iter_mut().zip(&areas).for_each(|(b, a)| b.share = a / total);
-        let count = (RATE * total).ceil() as u64;
-        (count > 0).then(|| Limbs { sensor, filter, balls, table: Discrete::new(areas), count, even })
+        balls.iter_mut().for_each(|b| b.share /= total);
+        strips.list.iter_mut().for_each(|s| s.share /= total);
+        let mut limbs = Limbs { sensor, filter, balls, strips, table: Discrete::new(areas), count: 0, even };
+        if total > 0.0 {
+            // Strips of one film point count as one.
+            limbs.count = (RATE * total * limbs.apart()).ceil() as u64;
+        }
+        (limbs.count > 0).then_some(limbs)
+    }
+
+    /// Area of all that film points may be drawn from, over the sum of its parts' areas.
+    fn apart(&self) -> f64 {
+        let one_over_parts = |i: u32| {
+            let mut rng = Rng::keyed(0, Purpose::Pilot as u64, LIMB_KEY - 1, u64::from(i));
+            let (k, _, _) = self.table.sample(rng.uniform());
+            let Some(strip) = k.checked_sub(self.balls.len()) else { return 1.0 };
+            let film = self.strips.list[strip].uniform(self.strips.half_width, &mut rng);
+            1.0 / self.strips.around(film).filter(|s| s.density(self.strips.half_width, film) > 0.0).count() as f64
+        };
+        (0..PROBES[0]).map(one_over_parts).map(|x| x.min(1.0)).sum::<f64>() / f64::from(PROBES[0])
     }
 
     pub fn count(&self) -> u64 {
@@ -77,26 +117,35 @@ impl<'a> Limbs<'a> {
     /// A film point; `None` behind the camera.
     pub fn sample(&self, rng: &mut Rng) -> Option<[f64; 2]> {
         let (k, _, _) = self.table.sample(rng.uniform());
-        self.balls[k].sample(self.sensor, rng)
+        match self.balls.get(k) {
+            Some(ball) => ball.sample(self.sensor, rng),
+            None => Some(self.strips.list[k - self.balls.len()].sample(self.strips.half_width, rng)),
+        }
+    }
+
+    /// Of film points, per pixel².
+    fn density(&self, film: [f64; 2]) -> f64 {
+        let balls: f64 = self.balls.iter().map(|b| b.share * b.density(self.sensor, film)).sum();
+        balls + self.strips.density(film)
     }
 
     /// What a path through the film point counts in the pixel, drawn from its filter or from here: `w / (w + count q)`, w the filter and q the density here.
     pub fn weight(&self, film: [f64; 2], pixel: [usize; 2]) -> f64 {
+        self.shared(self.density(film), film, pixel)
+    }
+
+    fn shared(&self, density: f64, film: [f64; 2], pixel: [usize; 2]) -> f64 {
         let w = filter::density(self.filter, film[0] - (pixel[0] as f64 + 0.5))
             * filter::density(self.filter, film[1] - (pixel[1] as f64 + 0.5));
-        let q: f64 = self.balls.iter().map(|b| b.share * b.density(self.sensor, film)).sum();
-        if w > 0.0 { w / (w + self.count as f64 * q) } else { 0.0 }
+        if w > 0.0 { w / (w + self.count as f64 * density) } else { 0.0 }
     }
 
     /// Pixels that a film point concerns, with its weights there.
     pub fn weights(&self, film: [f64; 2]) -> impl Iterator<Item = ([usize; 2], f64)> {
-        let size = [self.sensor.width, self.sensor.height];
-        filter::pixels(self.filter, film, size).map(move |p| (p, self.weight(film, p))).filter(|w| w.1 > 0.0)
+        let (size, density) = ([self.sensor.width, self.sensor.height], self.density(film));
+        filter::pixels(self.filter, film, size).map(move |p| (p, self.shared(density, film, p))).filter(|w| w.1 > 0.0)
     }
 }
-
-/// Marks the keys of these paths in streams that they share with the pixels'.
-pub const LIMB_KEY: u64 = 1 << 62;
 
 impl Ball {
     /// cos θ is uniform, and so is the angle around the sphere's centre.
@@ -144,17 +193,130 @@ impl Ball {
 
     /// Pixels of the film, and of the margin around it, that show the sphere.
     fn seen(&self, scene: &Scene, sensor: &Sensor, shape: u32, margin: f64) -> f64 {
-        let size = [sensor.width as f64, sensor.height as f64];
-        let area = |i: u64| {
-            let film =
-                self.sample(sensor, &mut Rng::keyed(0, Purpose::Pilot as u64, LIMB_KEY | u64::from(shape), i))?;
-            let inside = (0..2).all(|k| film[k] > -margin && film[k] < size[k] + margin);
+        let area = |i: u32| {
+            let key = LIMB_KEY | u64::from(shape);
+            let film = self.sample(sensor, &mut Rng::keyed(0, Purpose::Pilot as u64, key, u64::from(i)))?;
             let (o, w) = sensor.ray(film[0], film[1]);
-            let first = scene.opaque_past(o, w, f64::INFINITY, &[]).filter(|_| inside)?;
+            let first = scene.opaque_past(o, w, f64::INFINITY, &[]).filter(|_| sensor.shows(film, margin))?;
             (first.shape == shape).then(|| 1.0 / self.density(sensor, film))
         };
-        (0..PROBES).filter_map(area).filter(|a| a.is_finite()).sum::<f64>() / PROBES as f64
+        (0..PROBES[0]).filter_map(area).filter(|a| a.is_finite()).sum::<f64>() / f64::from(PROBES[0])
     }
+}
+
+impl Strip {
+    /// Uniform along the edge, `~ β^-1/2` across.
+    fn sample(&self, half_width: f64, rng: &mut Rng) -> [f64; 2] {
+        let (s, u) = (rng.uniform() * self.length, 2.0 * rng.uniform() - 1.0);
+        (self.a + self.along * s + self.along.perp() * (half_width * u * u.abs())).to_array()
+    }
+
+    /// Uniform in both.
+    fn uniform(&self, half_width: f64, rng: &mut Rng) -> [f64; 2] {
+        let (s, u) = (rng.uniform() * self.length, 2.0 * rng.uniform() - 1.0);
+        (self.a + self.along * s + self.along.perp() * (half_width * u)).to_array()
+    }
+
+    fn density(&self, half_width: f64, film: [f64; 2]) -> f64 {
+        let off = DVec2::from_array(film) - self.a;
+        let (s, b) = (off.dot(self.along), off.dot(self.along.perp()).abs());
+        let inside = s >= 0.0 && s <= self.length && b <= half_width;
+        if inside { 0.25 / (self.length * (half_width * b).sqrt()) } else { 0.0 }
+    }
+}
+
+/// Strips, and which of them reach the cells of a grid over the film.
+struct Strips {
+    list: Vec<Strip>,
+    half_width: f64,
+    /// Corner of the grid; cells have sides of two half widths.
+    corner: DVec2,
+    columns: usize,
+    cells: Vec<Vec<u32>>,
+}
+
+impl Strips {
+    fn new(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64, keep: impl Fn(u32) -> bool + Sync) -> Strips {
+        let size = DVec2::new(sensor.width as f64, sensor.height as f64);
+        let (low, high) = (DVec2::splat(-margin), size + margin);
+        let mut list = Vec::new();
+        let silhouettes = Outlines::silhouettes_of_camera(scene, motion, sensor, keep);
+        for ([a, b], grazed) in silhouettes.iter().flat_map(Outlines::straight) {
+            let seen = |i: u32| {
+                let p = a.lerp(b, (f64::from(i) + 0.5) / f64::from(PROBES[1]));
+                let q = sensor.project(p).filter(|q| sensor.shows(q.film, margin));
+                q.is_some_and(|q| !scene.blocked_past(q.o, q.w, q.distance, grazed))
+            };
+            let seen = f64::from((0..PROBES[1]).filter(|i| seen(*i)).count() as u32) / f64::from(PROBES[1]);
+            let (Some(p), Some(q)) = (sensor.project(a), sensor.project(b)) else { continue };
+            let (p, q) = (DVec2::from_array(p.film), DVec2::from_array(q.film));
+            if let Some([p, q]) = clip(p, q, low, high).filter(|_| seen > 0.0) {
+                let length = (q - p).length();
+                if length > 0.0 && length.is_finite() {
+                    list.push(Strip { a: p, along: (q - p) / length, length, share: seen });
+                }
+            }
+        }
+        let length: f64 = list.iter().map(|s| s.length).sum();
+        let widest = HALF_WIDTH.0 + HALF_WIDTH.1 * size.max_element();
+        let half_width = widest.min(0.5 * CROWD * size.x * size.y / length.max(1e-300));
+        for s in &mut list {
+            // Around corners no gap is left between neighbours.
+            let more = 0.25 * half_width;
+            s.a -= s.along * more;
+            s.length += 2.0 * more;
+            s.share *= 2.0 * half_width * s.length;
+        }
+        let mut strips = Strips { list, half_width, corner: low - half_width, columns: 0, cells: Vec::new() };
+        strips.fill(high + half_width);
+        strips
+    }
+
+    fn fill(&mut self, high: DVec2) {
+        if self.list.is_empty() {
+            return;
+        }
+        let side = 2.0 * self.half_width;
+        let [columns, rows] = ((high - self.corner) / side).ceil().to_array().map(|n| n as usize + 1);
+        (self.columns, self.cells) = (columns, vec![Vec::new(); columns * rows]);
+        for (k, s) in self.list.iter().enumerate() {
+            let b = s.a + s.along * s.length;
+            let cell = |p: DVec2| ((p - self.corner) / side).floor().max(DVec2::ZERO).to_array().map(|n| n as usize);
+            let [x0, y0] = cell(s.a.min(b) - self.half_width);
+            let [x1, y1] = cell(s.a.max(b) + self.half_width);
+            for (y, x) in (y0..=y1.min(rows - 1)).flat_map(|y| (x0..=x1.min(columns - 1)).map(move |x| (y, x))) {
+                self.cells[y * columns + x].push(k as u32);
+            }
+        }
+    }
+
+    /// Those that may hold a film point.
+    fn around(&self, film: [f64; 2]) -> impl Iterator<Item = &Strip> {
+        let at = ((DVec2::from_array(film) - self.corner) / (2.0 * self.half_width)).floor();
+        let inside = !self.list.is_empty() && at.min_element() >= 0.0 && at.x < self.columns as f64;
+        let cell = inside.then(|| self.cells.get(at.y as usize * self.columns + at.x as usize)).flatten();
+        cell.into_iter().flatten().map(|&k| &self.list[k as usize])
+    }
+
+    fn density(&self, film: [f64; 2]) -> f64 {
+        self.around(film).map(|s| s.share * s.density(self.half_width, film)).sum()
+    }
+}
+
+/// The part of a segment inside a box.
+fn clip(a: DVec2, b: DVec2, low: DVec2, high: DVec2) -> Option<[DVec2; 2]> {
+    let (mut t0, mut t1) = (0.0f64, 1.0f64);
+    for k in 0..2 {
+        let d = b[k] - a[k];
+        if d == 0.0 && (a[k] < low[k] || a[k] > high[k]) {
+            return None;
+        }
+        if d != 0.0 {
+            let (u, v) = ((low[k] - a[k]) / d, (high[k] - a[k]) / d);
+            (t0, t1) = (t0.max(u.min(v)), t1.min(u.max(v)));
+        }
+    }
+    (t0 < t1).then(|| [a.lerp(b, t0), a.lerp(b, t1)])
 }
 
 #[cfg(test)]

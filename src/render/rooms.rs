@@ -8,12 +8,13 @@ use super::filter;
 use crate::error::Result;
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
-use crate::params::{ParamSet, Sink, Slot};
+use crate::params::{Sink, Slot};
 use crate::scene::Scene;
 use crate::scene::parts::Filter;
 use crate::sensor::Sensor;
 use crate::term::{Context, Motion, ROOMS, Room, Sample, rooms};
 use crate::transport::Tally;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
@@ -44,7 +45,7 @@ pub struct Rooms<'a> {
     along: Vec<f64>,
     outward: Vec<u64>,
     nanoseconds: Vec<AtomicU64>,
-    motion: Motion,
+    motion: Arc<Motion>,
 }
 
 /// A contribution to one pixel, to be multiplied by each of the partials.
@@ -70,15 +71,14 @@ impl<'a> Rooms<'a> {
         sensor: usize,
         crop: [usize; 4],
         seed: u64,
-        params: &ParamSet,
+        motion: &Arc<Motion>,
         wanted: impl Fn(&str) -> bool,
     ) -> Result<Rooms<'a>> {
         let (index, sensor) = (sensor, &scene.sensors[sensor]);
-        let motion = Motion::new(scene, sensor, params)?;
         let filter = scene.films[index].part.filter;
         motion.check(scene, sensor, crop, filter::radius(filter))?;
         let outer = scene.outer_medium(sensor.to_world.translation, sensor.medium);
-        let list = rooms(scene, sensor, filter::radius(filter), &motion, wanted);
+        let list = rooms(scene, sensor, filter::radius(filter), motion, wanted);
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();
         let along = vec![1.0; list.len()];
         let outward = vec![(sensor.width * sensor.height) as u64; list.len()];
@@ -94,7 +94,7 @@ impl<'a> Rooms<'a> {
             along,
             outward,
             nanoseconds,
-            motion,
+            motion: motion.clone(),
         })
     }
 

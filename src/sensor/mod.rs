@@ -72,6 +72,12 @@ impl Sensor {
         (distance > 0.0).then(|| Projected { film, o, w: d / distance, distance, pixels_per_area })
     }
 
+    /// Whether a film point lies on the film, or within a margin around it.
+    pub fn shows(&self, film: [f64; 2], margin: f64) -> bool {
+        let size = [self.width as f64, self.height as f64];
+        (0..2).all(|k| film[k] > -margin && film[k] < size[k] + margin)
+    }
+
     /// Whether any parameter moves it.
     pub fn moves(&self, params: &ParamSet) -> bool {
         let active = |first: Slot, n| first != Slot::MAX && params.block_active(first, n);

@@ -215,8 +215,7 @@ impl Context<'_> {
     }
 
     fn on_film(&self, film: [f64; 2]) -> bool {
-        let size = [self.sensor.width as f64, self.sensor.height as f64];
-        (0..2).all(|k| film[k] > -self.margin && film[k] < size[k] + self.margin)
+        self.sensor.shows(film, self.margin)
     }
 }
 

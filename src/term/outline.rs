@@ -22,6 +22,8 @@ use std::f64::consts::TAU;
 const DEGENERATE: f64 = 1e-14;
 /// Share of the selection that ignores what the light's rays to the outline meet.
 const BLIND: f64 = 0.1;
+/// Sides of the polygon that stands for a rim.
+const SIDES: u32 = 48;
 /// Sine of the angle between two faces up to which they are one plane.
 const FLAT: f64 = 1e-9;
 
@@ -105,19 +107,40 @@ impl Outlines {
         margin: f64,
         keep: impl Fn(u32) -> bool + Sync,
     ) -> Option<Outlines> {
-        let source = match sensor.projection {
-            Projection::Perspective { .. } => Source::Point(sensor.to_world.translation),
-            Projection::Orthographic => Source::Distant(sensor.ray(0.0, 0.0).1),
-        };
-        let mut o = Outlines::new(scene, motion, source, keep, true);
-        let size = [sensor.width as f64, sensor.height as f64];
+        let mut o = Outlines::new(scene, motion, Source::of(sensor), keep, true);
         let seen = |e: DVec3, _: &Ray, grazed: Grazed| {
             let Some(q) = sensor.project(e) else { return 0.0 };
-            let on_film = (0..2).all(|k| q.film[k] > -margin && q.film[k] < size[k] + margin);
-            f64::from(u8::from(on_film && !scene.blocked_past(q.o, q.w, q.distance, grazed)))
+            let seen = sensor.shows(q.film, margin) && !scene.blocked_past(q.o, q.w, q.distance, grazed);
+            f64::from(u8::from(seen))
         };
         o.weigh(seen);
         (!o.list.is_empty()).then_some(o)
+    }
+
+    /// Silhouettes alone, all of them, whether seen or not, and without weights.
+    pub fn silhouettes_of_camera(
+        scene: &Scene,
+        motion: &Motion,
+        sensor: &Sensor,
+        keep: impl Fn(u32) -> bool + Sync,
+    ) -> Option<Outlines> {
+        let o = Outlines::new(scene, motion, Source::of(sensor), keep, false);
+        (!o.list.is_empty()).then_some(o)
+    }
+
+    /// Their straight pieces, with what lines that graze them leave out: rims as polygons, spheres not at all.
+    pub fn straight(&self) -> impl Iterator<Item = ([DVec3; 2], Grazed<'_>)> {
+        self.list.iter().flat_map(|o| {
+            let pieces = match o.curve {
+                Curve::Edge { a, b, .. } => vec![[a, b]],
+                Curve::Sphere { .. } => Vec::new(),
+                Curve::Rim(rim) => {
+                    let corner = |i: u32| self.rims[rim as usize].edge(f64::from(i) / f64::from(SIDES)).a;
+                    (0..SIDES).map(|i| [corner(i), corner(i + 1)]).collect()
+                }
+            };
+            pieces.into_iter().map(|p| (p, &o.grazed[..]))
+        })
     }
 
     fn new(
@@ -332,6 +355,13 @@ impl Outlines {
 }
 
 impl Source {
+    fn of(sensor: &Sensor) -> Source {
+        match sensor.projection {
+            Projection::Perspective { .. } => Source::Point(sensor.to_world.translation),
+            Projection::Orthographic => Source::Distant(sensor.ray(0.0, 0.0).1),
+        }
+    }
+
     fn sphere(&self, c: DVec3, r: f64, shape: u32, faces: Faces, list: &mut Vec<Outline>) {
         // From inside there is no silhouette.
         if !matches!(self, Source::Point(p) if (c - *p).length() <= r) {
