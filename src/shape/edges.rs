@@ -111,9 +111,20 @@ pub fn polygons(shape: &Shape) -> Vec<Edge> {
 
 /// Distance from `p` to where a face ends, or less: to its edges or rims; infinite for a sphere.
 pub fn to_border(shape: &Shape, face: u32, p: DVec3) -> f64 {
+    to_border_off(shape, face, p, None)
+}
+
+/// How far corners may be off a plane that they lie in, relative to their distances.
+const IN_PLANE: f64 = 1e-9;
+
+/// The same without edges that lie in the plane through `p` with this normal.
+pub fn to_border_off(shape: &Shape, face: u32, p: DVec3, plane: Option<DVec3>) -> f64 {
+    let lies_in = |y: DVec3| plane.is_some_and(|n| n.dot(y - p).abs() <= IN_PLANE * (y - p).length());
     let polygon = |corners: &[DVec3]| {
         let n = corners.len();
-        (0..n).map(|k| to_segment(p, corners[k], corners[(k + 1) % n])).fold(f64::INFINITY, f64::min)
+        let edges = (0..n).map(|k| [corners[k], corners[(k + 1) % n]]);
+        let counts = edges.filter(|e| !e.iter().all(|y| lies_in(*y)));
+        counts.map(|[a, b]| to_segment(p, a, b)).fold(f64::INFINITY, f64::min)
     };
     match shape {
         Shape::Mesh(m) => polygon(&m.corners(face)),

@@ -1,59 +1,83 @@
-//! Points of spheres and cylinders beside the first vertex of a path.
+//! Points beside the first vertex of a path.
 //!
-//! The film holds the first vertex x, so where a camera ray passes close to a sphere that moves, x stays behind: the score of a segment from x to a
-//! point z of the sphere grows like 1/d, and camera rays come close to spheres so often (at distance δ with density δ^1/2) that its second moment has no bound. So z,
+//! The film holds the first vertex x, so it moves otherwise than matter near by, by as much as it likes: the score of a segment from x to a
+//! point z close to it grows like 1/d. Camera rays come close to spheres so often (at distance δ with density δ^1/2) that its second moment has no bound; neither has
+//! it where x lies on a face beside a hollow crease, or on a floor beside what stands on it: z is then seen at any distance. So z,
 //! if it comes right after x, keeps to its direction from x instead of to its matter where it is near ([T] 2.3 (i)):
 //!
-//! `ż = ż_B + χ Q (ẋ - ż_B)`, `Q = 1 - w nᵀ/<n,w>`, `χ = κ(d/min(R, ℓ))`
+//! `ż = ż_B + χ Q Δ`, `Δ = ẋ - v(x) - C(z)`, `Q = 1 - w nᵀ/<n,w>`, `χ = κ(d/ρ)`
 //!
-//! (ż_B: as it would move otherwise; ℓ: the distance from x to the horizon that it sees, over which such points would flow: <n,w> is 0 there).
-//! A direction's measure dω = dA c_z/d² does not change, so that segment and Jacobian together score
-//! `(1-χ)` times what they would, and `<∇χ, Q(ẋ - ż_B)>`. Flat faces end at edges, over which such points would flow, and camera rays that graze them are rare; on
-//! a cylinder's wall χ has the factor `κ(|2h/l - 1|)` besides (h the height of z, l the length), which is 0 at the rims.
+//! (ż_B: as it would move otherwise, with its matter, v, and with what x carries it by, C; Δ: what x does on top of v, there, less C; if x lies on the same shape v is the
+//! matter of its own face). A direction's measure dω = dA c_z/d² does not change where x moves by Δ and z by QΔ, so that segment and Jacobian
+//! together score what they would with v alone (nothing, if that is rigid), `1-χ` of what Δ and C score, and `<∇χ, QΔ>`.
+//!
+//! ρ is the distance from x to the nearest place over which such points would flow: to the horizon that x sees on a sphere (<n,w> is 0 there), and to the border of a
+//! flat face; on a sphere at most the radius R. A border that lies in the plane of x's own face is none: Δ lies in that plane, and rays in it stay there. On
+//! a cylinder's wall χ has a factor besides that is 0 at those rims that do not lie so: `κ(|2h/l - 1|)` where none does, `κ(h'/l)` where one does, h and h'
+//! the heights of z over the base and over that rim, l the length.
 
 use super::field::decay;
 use super::piece::{onto, outer};
 use crate::math::{DMat3, DVec3};
-use crate::shape::Shape;
+use crate::shape::edges::to_border_off;
+use crate::shape::{Cylinder, Shape};
 
-/// How a point of a curved shape is held to its direction from the first vertex.
+/// How a point is held to its direction from the first vertex.
 #[derive(Clone, Copy, Debug)]
 pub struct Attached {
     /// χ.
     pub share: f64,
-    /// `χ Q`, on `ẋ - ż_B`.
+    /// `χ Q`, on Δ.
     pub map: DMat3,
-    /// The form on `ẋ - ż_B` that χ's own change gives.
+    /// The form on Δ that χ's own change gives.
     pub form: DVec3,
 }
 
 impl Attached {
-    /// For a point z with the normal n; `None` on other shapes and out of reach.
-    pub fn new(shape: &Shape, x: DVec3, z: DVec3, n: DVec3) -> Option<Attached> {
-        // Radius, and the squared distance to the horizon that x sees; from inside there is none.
-        let (radius, horizon) = match shape {
-            Shape::Sphere(s) => (s.radius, (x - s.center).length_squared() - s.radius * s.radius),
-            Shape::Cylinder(s) => (s.radius, s.from_axis(x).length_squared() - s.radius * s.radius),
-            _ => return None,
+    /// For a point z of a face, n its normal; `plane`: the normal at x where x lies on a surface. `None` out of reach.
+    pub fn new(shape: &Shape, face: u32, x: DVec3, plane: Option<DVec3>, z: DVec3, n: DVec3) -> Option<Attached> {
+        // From inside there is no horizon.
+        let curved = |r: f64, from_middle: f64| {
+            let horizon = from_middle - r * r;
+            if horizon > 0.0 { r.min(horizon.sqrt()) } else { r }
         };
-        let radius = if horizon > 0.0 { radius.min(horizon.sqrt()) } else { radius };
+        let reach = match shape {
+            Shape::Sphere(s) => curved(s.radius, (x - s.center).length_squared()),
+            Shape::Cylinder(s) => curved(s.radius, s.from_axis(x).length_squared()),
+            flat => to_border_off(flat, face, x, plane),
+        };
         let d = (z - x).length();
-        let (mut share, slope) = decay(d / radius);
+        let (mut share, slope) = decay(d / reach);
         if share <= 0.0 || d <= 0.0 {
             return None;
         }
         let w = (z - x) / d;
         let q = onto(n, w);
         // ∇χ.
-        let mut gradient = w * (slope / radius);
+        let mut gradient = w * (slope / reach);
         if let Shape::Cylinder(s) = shape {
-            let off = 2.0 * s.height(z) / s.length - 1.0;
-            let (fade, slope) = decay(off.abs());
-            gradient = gradient * fade + s.axis * (share * slope * off.signum() * 2.0 / s.length);
+            let (fade, slope) = rims(s, x, plane, z);
+            gradient = gradient * fade + s.axis * (share * slope);
             share *= fade;
         }
         let form = q.transpose() * gradient;
         let map = q * share;
         (map + outer(form, form)).is_finite().then_some(Attached { share, map, form })
     }
+}
+
+/// The factor that keeps points of a wall off its rims, and its slope along the axis.
+fn rims(s: &Cylinder, x: DVec3, plane: Option<DVec3>, z: DVec3) -> (f64, f64) {
+    let (h, l) = (s.height(z), s.length);
+    // Whether the floor that x lies on is that of a rim.
+    let stands = |height: f64| {
+        plane.is_some_and(|n| n.cross(s.axis).length() <= 1e-9 && (s.height(x) - height).abs() <= 1e-9 * l)
+    };
+    let (t, dt) = match (stands(0.0), stands(l)) {
+        (true, false) => (h / l, 1.0 / l),
+        (false, true) => (1.0 - h / l, -1.0 / l),
+        _ => ((2.0 * h / l - 1.0).abs(), (2.0 * h / l - 1.0).signum() * 2.0 / l),
+    };
+    let (fade, slope) = decay(t.abs());
+    (fade, slope * dt * t.signum())
 }

@@ -92,7 +92,8 @@ pub struct First {
     pub stretch: Rate,
     /// How the ray turns, ω̇.
     pub turn: Velocity,
-    at: Option<DVec3>,
+    /// Where it is, and on what surface.
+    at: Option<(DVec3, Option<Hit>)>,
     excess: Option<Excess>,
     /// Of the second vertex, for those after it.
     after: Option<Excess>,
@@ -206,7 +207,7 @@ impl FilmLine<'_> {
     fn surface(&self, hit: &Hit, w: DVec3) -> First {
         let stop = Stop::Opaque { shape: hit.shape, face: hit.face, n: hit.n };
         let velocity = self.end(hit.p, w, &stop);
-        let mut first = First { velocity, at: Some(hit.p), ..First::default() };
+        let mut first = First { velocity, at: Some((hit.p, Some(*hit))), ..First::default() };
         if self.field.follows() {
             let mut e = first.velocity.clone();
             if self.field.class(hit.shape).is_some() {
@@ -223,7 +224,7 @@ impl FilmLine<'_> {
         let [a, b] = self.ends(&piece);
         let w = piece.w;
         let (before, length) = ((p - piece.start()).dot(w), piece.t1 - piece.t0);
-        let mut first = First { at: Some(p), ..First::default() };
+        let mut first = First { at: Some((p, None)), ..First::default() };
         if length.is_finite() {
             let f = (before / length).clamp(0.0, 1.0);
             first.stretch.add(&b, w / length);
@@ -265,7 +266,9 @@ impl FilmLine<'_> {
 
     /// How the second vertex keeps to its direction from the first.
     pub fn held(&self, first: &First, second: &Hit) -> Option<Attached> {
-        Attached::new(&self.scene.shapes[second.shape as usize].shape, first.at?, second.p, second.n)
+        let (x, own) = first.at?;
+        let shape = &self.scene.shapes[second.shape as usize].shape;
+        Attached::new(shape, second.face, x, own.map(|h| h.n), second.p, second.n)
     }
 
     /// `along`: e keeps to the face as it is.
@@ -301,6 +304,14 @@ impl FilmLine<'_> {
     }
 }
 
+/// Whose matter a first vertex goes beside when the second lies on this face: its own if it lies on the same shape.
+pub fn beside(own: Option<&Hit>, shape: u32, face: u32) -> Source {
+    match own {
+        Some(hit) if hit.shape == shape => Source::at(hit),
+        _ => Source::Shape { shape, face },
+    }
+}
+
 impl First {
     /// Adds to V at a later point y, and to its divergence, what the first vertex carries along, and the second one if `y` comes `after` it.
     pub fn carry(&self, y: DVec3, after: bool, mut v: Velocity, rate: &mut Rate) -> Velocity {
@@ -314,11 +325,12 @@ impl First {
         v
     }
 
-    /// `ẋ - ż_B`: what it does on top of a second vertex on a surface, as that would move by itself.
+    /// Δ of [`super::attach`] before a second vertex on a surface.
     pub fn ahead_of(&self, field: &Field, z: &Hit) -> Velocity {
-        let own = field.class(z.shape).map(|_| Velocity::of(Source::at(z), z.p)).unwrap_or_default();
-        let own = self.carry(z.p, false, own, &mut Rate::default());
-        self.velocity.clone().plus(-1.0, &own)
+        let Some((x, own)) = &self.at else { return Velocity::default() };
+        let carried = self.carry(z.p, false, Velocity::default(), &mut Rate::default());
+        let matter = field.class(z.shape).map(|_| Velocity::of(beside(own.as_ref(), z.shape, z.face), *x));
+        self.velocity.clone().plus(-1.0, &matter.unwrap_or_default()).plus(-1.0, &carried)
     }
 
     /// Whether it carries anything.

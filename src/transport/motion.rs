@@ -14,7 +14,7 @@
 
 use super::attach::Attached;
 use super::field::{Field, classes};
-use super::first::{FilmLine, First, Seen};
+use super::first::{FilmLine, First, Seen, beside};
 use super::piece::{Piece, Stop};
 use super::record::{Drawn, End, MediumSpan};
 use super::velocity::{Rate, Source, Velocity, transposed};
@@ -331,7 +331,7 @@ impl<'a> Vertex<'a> {
         };
         // On ż - ẋ, and apart from each other.
         let mut between = Covector::default();
-        let (mut near, mut far) = (Covector::default(), Covector::default());
+        let mut near = Covector::default();
         between.add(w, value * (-2.0 / d));
         // How the direction turns is across/d of ż - ẋ.
         let mut turning = Covector::default();
@@ -362,9 +362,13 @@ impl<'a> Vertex<'a> {
             Tip::Infinity(_) => {}
         }
         // Held to its direction, a point scores less by that share.
+        let own = match self.place {
+            Place::Surface(hit) => Some(hit),
+            Place::Medium { .. } => None,
+        };
         let attached = match &leg.tip {
-            Tip::Surface { shape, p, n, .. } if is_first => {
-                Attached::new(&scene.shapes[*shape as usize].shape, x, *p, *n)
+            Tip::Surface { shape, face, p, n, .. } if is_first => {
+                Attached::new(&scene.shapes[*shape as usize].shape, *face, x, own.map(|h| h.n), *p, *n)
             }
             _ => None,
         };
@@ -372,7 +376,6 @@ impl<'a> Vertex<'a> {
         if d < f64::INFINITY {
             between += turning.across(w).scaled(1.0 / d);
             near += between.scaled(-kept);
-            far += between.scaled(kept);
         }
         let mut passing = Covector::default();
         for piece in &leg.pieces {
@@ -389,30 +392,39 @@ impl<'a> Vertex<'a> {
                 passing += form.scaled(f);
             }
         }
-        far += passing;
         self.at += near;
+        let mut far = between;
+        far += passing;
         match &leg.tip {
             Tip::Medium { velocity, .. } => velocity.apply(scene, cx.sensor, &far, cx.sink),
             Tip::Surface { shape, face, n, carried, spread, at, turn, .. } => {
                 let mut turned = Covector::default();
-                turned.add(w, value * (kept / n.dot(w)));
+                turned.add(w, value * (1.0 / n.dot(w)));
+                // What it is carried by keeps to the direction, its matter does not.
+                let mut far_carried = between.scaled(kept);
+                far_carried += passing;
                 if let Some(a) = &attached {
-                    // On ẋ - ż_B: what asks for z's velocity beside the segment itself.
+                    // On Δ: what asks for z's velocity beside the segment itself.
                     let mut asks = passing;
                     asks += *at;
                     asks += bend_form(scene, *shape, p, *n, turn);
                     let mut form = transposed(&a.map, &asks);
                     form.add(a.form, value);
                     self.at += form;
-                    far += form.scaled(-1.0);
+                    let mut back = form.scaled(-1.0);
+                    far_carried += back;
+                    if cx.moving.moves(*shape) {
+                        back += between.scaled(kept - 1.0);
+                        Velocity::of(beside(own, *shape, *face), x).apply(scene, cx.sensor, &back, cx.sink);
+                    }
                 }
-                move_surface(cx, [*shape, *face], p, *n, &far, &turned, carried);
+                move_matter(cx, [*shape, *face], p, *n, &far, &turned);
+                slide(cx, *shape, p, *n, &far_carried, &turned.scaled(kept), carried);
                 // Of the Jacobian the vertex itself has counted what its own segments brought.
-                let counts = leg.emitted + value * (kept - 1.0);
                 if cx.moving.moves(*shape) {
-                    scene.matter(*shape, *face).area(*n, counts, cx.sink);
+                    scene.matter(*shape, *face).area(*n, leg.emitted, cx.sink);
                 }
-                spread.apply(scene, cx.sensor, counts, cx.sink);
+                spread.apply(scene, cx.sensor, leg.emitted + value * (kept - 1.0), cx.sink);
             }
             Tip::Point(light) if cx.moving.follows(*light) => {
                 Velocity::of(Source::Light(*light), p).apply(scene, cx.sensor, &far, cx.sink);
@@ -432,7 +444,8 @@ impl<'a> Vertex<'a> {
             }
             Place::Surface(hit) => {
                 let (carried, spread) = Moving::on_surface(cx.first, hit.p, cx.after);
-                move_surface(cx, [hit.shape, hit.face], hit.p, hit.ns, &self.at, &self.turn, &carried);
+                move_matter(cx, [hit.shape, hit.face], hit.p, hit.ns, &self.at, &self.turn);
+                slide(cx, hit.shape, hit.p, hit.ns, &self.at, &self.turn, &carried);
                 if cx.moving.moves(hit.shape) {
                     cx.scene.matter(hit.shape, hit.face).area(hit.n, after, cx.sink);
                 }
@@ -465,21 +478,32 @@ impl<'a> Vertex<'a> {
     }
 }
 
-/// `<at, ẋ> + <turn, ṅ>` for a surface point that moves over its matter with `carried`.
-fn move_surface<S: Sink>(
+/// `<at, ẋ> + <turn, ṅ>` for a surface point that goes with its matter.
+fn move_matter<S: Sink>(
     cx: &mut Chained<S>,
     [shape, face]: [u32; 2],
     p: DVec3,
     n: DVec3,
     at: &Covector,
     turn: &Covector,
-    carried: &Velocity,
 ) {
     if cx.moving.moves(shape) {
         let matter = cx.scene.matter(shape, face);
         matter.point(p, at, cx.sink);
         matter.normal(n, turn, cx.sink);
     }
+}
+
+/// The same for one that moves over its matter.
+fn slide<S: Sink>(
+    cx: &mut Chained<S>,
+    shape: u32,
+    p: DVec3,
+    n: DVec3,
+    at: &Covector,
+    turn: &Covector,
+    carried: &Velocity,
+) {
     if !carried.is_zero() {
         carried.apply(cx.scene, cx.sensor, at, cx.sink);
         bend(cx, shape, p, n, turn, carried);
