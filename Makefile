@@ -35,8 +35,7 @@ embree4:
 # Slow suites.
 stress: build
 	target/release/tyndall stress --suite core
-	cargo test --release --test analytic -- --ignored --nocapture
-	cargo test --release --test vertices -- --ignored
+	cargo test --release --test suite -- --ignored --nocapture --skip stress::
 
 bench: build
 	cargo bench --bench grid

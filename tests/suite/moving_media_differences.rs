@@ -1,7 +1,6 @@
 //! Shapes, lamps and cameras that move inside media, all scatterings up to four, against central differences of the pictures.
 
-mod common;
-use common::{difference, forward_of};
+use crate::common::{difference, forward_of};
 use tyndall::scene::compile::Orders;
 
 /// Derivatives against central differences: 4.5 s.e. beside the 3 % that such steps leave (measured by halving them), both together known to a fifth of the largest channel.

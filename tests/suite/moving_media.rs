@@ -2,8 +2,7 @@
 //! (nested Gauss rules, their derivatives by fourth-order differences; every one gives the value of [T] beside it where the set-up is the
 //! same), and identities. Each case looks at its picture first, then at its derivatives.
 
-mod common;
-use common::{Estimate, check, estimate, forward_of, params, run, scene_of_orders};
+use crate::common::{Estimate, check, estimate, forward_of, params, run, scene_of_orders};
 use tyndall::render::driver::Mode;
 use tyndall::scene::compile::Orders;
 

@@ -1,9 +1,6 @@
 //! `grad --wrt ID.vertices`: its JSON, and what is refused.
 
-#[path = "common/fog.rs"]
-mod fog;
-
-use fog::Folder;
+use crate::fog::Folder;
 use serde_json::Value;
 use std::fs;
 

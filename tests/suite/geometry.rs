@@ -1,7 +1,6 @@
 //! Media bookkeeping and geometry: coincident interfaces, many analytic shapes, meshes against their analytic twins.
 
-mod common;
-use common::{estimate, run, scene};
+use crate::common::{estimate, run, scene};
 use std::fmt::Write;
 use tyndall::math::DVec3;
 use tyndall::math::rng::Rng;

@@ -2,10 +2,7 @@
 //!
 //! A comparison raises a false alarm with probability 1e-4 a look (`study::agreement`); seeds are fixed.
 
-#[path = "common/fog.rs"]
-mod fog;
-
-use fog::{Folder, SCENE};
+use crate::fog::{Folder, SCENE};
 use std::path::Path;
 use std::time::Duration;
 use tyndall::render::family::{Family, View};

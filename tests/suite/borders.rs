@@ -1,7 +1,6 @@
 //! Media whose borders move: against [T] section 11 and finite differences.
 
-mod common;
-use common::{against_differences, check, derivatives, forward, job, params, scene, scene_with};
+use crate::common::{against_differences, check, derivatives, forward, job, params, scene, scene_with};
 use tyndall::math::DVec3;
 use tyndall::render::driver::{Job, Mode};
 use tyndall::scene::Scene;

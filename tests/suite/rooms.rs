@@ -1,8 +1,7 @@
 //! What holds for every boundary room, whatever it computes: forward and reverse are transposes, threads change no bit, the picture is
 //! none of its business, terms add up, and without it the derivative is wrong.
 
-mod common;
-use common::{estimate, job, params, run, scene};
+use crate::common::{estimate, job, params, run, scene};
 use tyndall::math::Rgb;
 use tyndall::math::rng::Rng;
 use tyndall::render::driver::{Job, Mode, Outcome};

@@ -1,9 +1,6 @@
 //! `fit`: finds what made a picture, and tells when it did not.
 
-#[path = "common/fog.rs"]
-mod fog;
-
-use fog::Folder;
+use crate::fog::Folder;
 use serde_json::Value;
 use std::fs;
 

@@ -1,5 +1,5 @@
 //! The stability suite. Here a fast part of it with few paths; all of it with `make stress`, or
-//! `cargo test --release --test stress -- --ignored --nocapture`.
+//! `cargo test --release --test suite stress:: -- --ignored --nocapture`.
 //!
 //! Each comparison of the suite allows 4 standard errors: a false-alarm rate of 6e-5; seeds are fixed.
 

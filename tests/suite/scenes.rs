@@ -1,7 +1,5 @@
 //! The scenes of `scenes/`: each loads without a warning, renders, and differentiates by every parameter with a `<?diff?>` hint.
 
-mod common;
-
 use std::path::PathBuf;
 use tyndall::math::Rgb;
 use tyndall::render::driver::{Job, Mode, Outcome};
@@ -23,7 +21,7 @@ fn scenes() -> Vec<PathBuf> {
 fn middle<'a>(scene: &'a Scene, mode: Mode<'a>) -> Job<'a> {
     let [x0, y0, x1, y1] = scene.films[0].part.crop;
     let (x, y) = ((x0 + x1) / 2, (y0 + y1) / 2);
-    Job { crop: [x - 6, y - 6, x + 6, y + 6], ..common::job(scene, 32, 1, mode) }
+    Job { crop: [x - 6, y - 6, x + 6, y + 6], ..crate::common::job(scene, 32, 1, mode) }
 }
 
 fn pixels(o: &Outcome, layer: usize) -> Vec<Rgb> {

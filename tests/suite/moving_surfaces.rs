@@ -1,7 +1,6 @@
 //! Shapes, lamps and cameras that move in a vacuum: against [T] section 11, finite differences and identities.
 
-mod common;
-use common::{against_differences, check, derivatives, difference, forward_of, params, run, scene};
+use crate::common::{against_differences, check, derivatives, difference, forward_of, params, run, scene};
 use tyndall::render::driver::Mode;
 use tyndall::scene::compile::Orders;
 
@@ -220,7 +219,7 @@ fn contact() {
     against_differences(&room, &[("cx", 0.02)], &["all"], 1 << 13, 0.03);
     let (desc, sc) = scene(&block.replace(r#"y="0.5"/></transform><bsdf"#, r#"y="0.4"/></transform><bsdf"#));
     let p = params(&desc, &sc, &["x"]);
-    let e = common::job(&sc, 32, 1, Mode::Forward(&p)).run(&|_| {}).err().expect("refused").to_string();
+    let e = crate::common::job(&sc, 32, 1, Mode::Forward(&p)).run(&|_| {}).err().expect("refused").to_string();
     assert!(e.contains("pass through each other"), "{e}");
 }
 
@@ -244,7 +243,7 @@ fn lamps_close_to_what_they_light() {
     let of_ball = [2.0 * h / d.powi(3), 3.0 * h * a / d.powi(5), (d * d - 3.0 * h * h) / d.powi(5)];
     let of_tube = [h / (d * d), 2.0 * h * a / d.powi(4), (d * d - 2.0 * h * h) / d.powi(4)];
     for (lamp, truth) in [(ball, of_ball), (tube, of_tube)] {
-        let ours = common::forward_of(&scene(lamp), Default::default(), &["r", "x", "h"], &["all"], 1 << 16);
+        let ours = crate::common::forward_of(&scene(lamp), Default::default(), &["r", "x", "h"], &["all"], 1 << 16);
         for ((e, truth), name) in ours[1..].iter().zip(truth).zip(["r", "x", "h"]) {
             let (off, se) = ((e.value[1] - truth).abs(), e.error[1]);
             // The tube has ends, which the floor sees under 1e-3 of a right angle.

@@ -1,7 +1,6 @@
 //! Every technique of an MIS group by itself: leaving one out changes the variance, never the mean.
 
-mod common;
-use common::{estimate, run, scene};
+use crate::common::{estimate, run, scene};
 use tyndall::math::discrete::Discrete;
 use tyndall::render::driver::Mode;
 
@@ -20,7 +19,7 @@ const FOG: &str = r#"<scene version="3.0.0"><default name="sigma_t" value="0.8"/
 fn leaving_a_technique_out_changes_the_variance_only() {
     let spp = 1 << 14;
     let (desc, all) = scene(FOG);
-    let p = common::params(&desc, &all, &["sigma_t", "albedo"]);
+    let p = crate::common::params(&desc, &all, &["sigma_t", "albedo"]);
     let full = run(&all, spp, 1, Mode::Forward(&p));
     let without = |embedded: bool, local: bool| {
         let (_, mut s) = scene(FOG);
@@ -67,7 +66,7 @@ const SKY: &str = r#"<scene version="3.0.0"><default name="sigma_t" value="0.8"/
 fn weighing_lights_changes_the_variance_only() {
     let text = SKY.replace("FOLDER", env!("CARGO_MANIFEST_DIR"));
     let (desc, all) = scene(&text);
-    let p = common::params(&desc, &all, &["sigma_t", "albedo"]);
+    let p = crate::common::params(&desc, &all, &["sigma_t", "albedo"]);
     assert_eq!(all.distant.len(), 2);
     let (_, mut by_power) = scene(&text);
     by_power.distant.clear();

@@ -1,7 +1,6 @@
 //! Long paths are swept in chunks that are walked again: the same bits as one long record, in bounded memory.
 
-mod common;
-use common::{params, scene};
+use crate::common::{params, scene};
 use std::sync::Arc;
 use tyndall::math::rng::Rng;
 use tyndall::params::Forward;

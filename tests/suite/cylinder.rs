@@ -1,8 +1,7 @@
 //! Cylinders: against closed forms and quadratures that are no part of this project, against prisms of many faces, against finite
 //! differences, and identities. |z| <= 4.5 where nothing else is said.
 
-mod common;
-use common::{
+use crate::common::{
     Estimate, against_differences, check, derivatives, estimate, forward_of, job, params, run, scene, scene_with,
 };
 use std::f64::consts::{PI, TAU};

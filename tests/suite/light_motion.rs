@@ -1,8 +1,7 @@
 //! Lights of zero measure that move: the interior part, without anything that casts a shadow, and with the light
 //! standing still for shadows.
 
-mod common;
-use common::{against_differences, check, derivatives};
+use crate::common::{against_differences, check, derivatives};
 
 /// [T] AL1 with the light at $x, $y, $z: camera at 0 looking along +z, black wall at z = 6, half-plane y = 0.8, z >= 3.
 const AL1: &str = r#"<scene version="3.0.0">

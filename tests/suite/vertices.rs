@@ -1,8 +1,7 @@
 //! Gradients with respect to every vertex of a mesh: against the derivatives of transforms (the same samples), against finite differences of
 //! pictures with a vertex moved in the file, and with terms left out.
 
-mod common;
-use common::{job, run, scene};
+use crate::common::{job, run, scene};
 use tempfile::TempDir;
 use tyndall::math::{DVec3, Rgb, rng::Rng, stats::Moments};
 use tyndall::params::ParamSet;
@@ -147,7 +146,7 @@ fn transforms_are_sums_over_vertices() {
                 (p - t) / 0.8
             }];
         let (desc, still, _dir) = scene_of(&text, &obj(&gem(), false));
-        let own = common::params(&desc, &still, &names[1..]);
+        let own = crate::common::params(&desc, &still, &names[1..]);
         for chosen in ROOMS.iter().chain(["all"].iter()) {
             // Few grazing lines end on something at both ends.
             let spp = if *chosen == "surface_edge" { 1024 } else { 64 };

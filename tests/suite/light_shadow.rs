@@ -1,7 +1,6 @@
 //! Moving shadows of zero-measure lights against [T] section 11 and against finite differences.
 
-mod common;
-use common::{against_differences, check, derivatives};
+use crate::common::{against_differences, check, derivatives};
 
 const BLACK: &str = r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></bsdf>"#;
 

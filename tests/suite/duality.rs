@@ -1,7 +1,6 @@
 //! Forward and reverse are transposes of each other, and neither changes the picture.
 
-mod common;
-use common::{params, run, scene};
+use crate::common::{params, run, scene};
 use tyndall::math::Rgb;
 use tyndall::math::rng::Rng;
 use tyndall::render::driver::Mode;
@@ -97,10 +96,10 @@ fn derivatives_agree_with_finite_differences() {
         let x = desc.params.iter().find(|q| q.name == *name).unwrap().value;
         let h = 0.1 * x;
         let side = |s: f64| {
-            let (_, sc) = common::scene_with(ROOM, &[(name, &format!("{}", x + s * h))]);
-            common::estimate(&run(&sc, spp, 3, Mode::Picture), 0)
+            let (_, sc) = crate::common::scene_with(ROOM, &[(name, &format!("{}", x + s * h))]);
+            crate::common::estimate(&run(&sc, spp, 3, Mode::Picture), 0)
         };
-        let (a, b, d) = (side(1.0), side(-1.0), common::estimate(&f, k + 1));
+        let (a, b, d) = (side(1.0), side(-1.0), crate::common::estimate(&f, k + 1));
         for c in 0..3 {
             let fd = (a.value[c] - b.value[c]) / (2.0 * h);
             // Independent errors: an upper bound, common random numbers only help.

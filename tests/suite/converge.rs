@@ -1,9 +1,6 @@
 //! `converge`: table, report and plots; errors fall with the square root of time.
 
-#[path = "common/fog.rs"]
-mod fog;
-
-use fog::Folder;
+use crate::fog::Folder;
 use serde_json::Value;
 use std::fs;
 

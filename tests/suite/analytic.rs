@@ -1,7 +1,6 @@
 //! Analytic reference values of [T] section 11, for the features that exist.
 
-mod common;
-use common::{check, forward};
+use crate::common::{check, forward};
 use std::f64::consts::PI;
 
 /// AL0/AL1: airlight from a point light, single scattering. Camera at 0 looking along +z, black wall at z = 6;

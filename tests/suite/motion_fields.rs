@@ -1,8 +1,7 @@
 //! The velocities of medium points ([T] (57), (58), (60)): on what moves, on what stands still, their divergence against differences, and the optical depth
 //! between moving ends.
 
-mod common;
-use common::{params, scene};
+use crate::common::{params, scene};
 use tyndall::math::rng::Rng;
 use tyndall::math::{DVec2, DVec3, Rgb};
 use tyndall::params::{Covector, Forward, ParamSet, Sink, Slot};

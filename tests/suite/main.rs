@@ -1,0 +1,31 @@
+//! One program for all tests but those of the native libraries: what they share is compiled once, and slow ones run beside each other.
+
+mod common;
+mod fog;
+
+mod analytic;
+mod bad_scenes;
+mod borders;
+mod check;
+mod chunks;
+mod cli;
+mod converge;
+mod cylinder;
+mod duality;
+mod fit;
+mod floors;
+mod geometry;
+mod light_motion;
+mod light_shadow;
+mod motion_fields;
+mod moving_media;
+mod moving_media_differences;
+mod moving_surfaces;
+mod plan;
+mod rooms;
+mod scenes;
+mod stress;
+mod techniques;
+mod vdb;
+mod vertices;
+mod vertices_cli;
