@@ -215,8 +215,8 @@ impl Job<'_> {
         let params = self.mode.params().filter(|p| !p.is_empty());
         let motion =
             params.map(|p| Motion::new(self.scene, &self.scene.sensors[self.sensor], p)).transpose()?.map(Arc::new);
-        let new = |m| Rooms::new(self.scene, self.sensor, self.crop, self.seed, m, |n| self.terms.wants(n));
-        let rooms = motion.as_ref().map(new).transpose()?;
+        let new = |(m, p)| Rooms::new(self.scene, self.sensor, self.crop, self.seed, p, m, |n| self.terms.wants(n));
+        let rooms = motion.as_ref().zip(params).map(new).transpose()?;
         let mut rooms = rooms.filter(|r| !r.is_empty());
         // The sweep computes two terms, told apart by their slots.
         let swept = params.map(|p| {

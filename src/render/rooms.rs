@@ -8,7 +8,7 @@ use super::filter;
 use crate::error::Result;
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
-use crate::params::{Sink, Slot};
+use crate::params::{ParamSet, Sink, Slot};
 use crate::scene::Scene;
 use crate::scene::parts::Filter;
 use crate::sensor::Sensor;
@@ -71,12 +71,13 @@ impl<'a> Rooms<'a> {
         sensor: usize,
         crop: [usize; 4],
         seed: u64,
+        params: &ParamSet,
         motion: &Arc<Motion>,
         wanted: impl Fn(&str) -> bool,
     ) -> Result<Rooms<'a>> {
         let (index, sensor) = (sensor, &scene.sensors[sensor]);
         let filter = scene.films[index].part.filter;
-        motion.check(scene, sensor, crop, filter::radius(filter))?;
+        motion.check(scene, sensor, params, crop, filter::radius(filter))?;
         let outer = scene.outer_medium(sensor.to_world.translation, sensor.medium);
         let list = rooms(scene, sensor, filter::radius(filter), motion, wanted);
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();

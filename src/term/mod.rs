@@ -6,6 +6,7 @@
 //! [`Sample::weigh`], the balance heuristic in film space.
 
 pub mod arcs;
+pub mod contact;
 pub mod crossings;
 pub mod edge_set;
 pub mod ends;
@@ -112,7 +113,14 @@ impl Motion {
 
     /// An error where more moves at once than the interior keeps apart, and where a light moves in a medium in the picture itself (`crop`: x0, y0, x1,
     /// y1, and the filter's radius around it): beside such a light a pixel's derivative is a principal value without variance.
-    pub fn check(&self, scene: &Scene, sensor: &Sensor, crop: [usize; 4], margin: f64) -> Result<()> {
+    pub fn check(
+        &self,
+        scene: &Scene,
+        sensor: &Sensor,
+        params: &ParamSet,
+        crop: [usize; 4],
+        margin: f64,
+    ) -> Result<()> {
         for (i, (l, m)) in scene.lights.iter().zip(&self.lights).enumerate() {
             let Some(p) = l.center().filter(|_| m.position && scene.embedded_selection(i as u32) > 0.0) else {
                 continue;
@@ -173,6 +181,16 @@ impl Motion {
         }
         if self.surfaces() {
             follows::check(scene)?;
+            if let Some((a, b)) = contact::find(scene, self, params) {
+                let name = |k: u32| &scene.shapes[k as usize].name;
+                let (a, b) = (name(a), name(b));
+                return Err(Error::usage(
+                    format!(
+                        "`{a}` stands on `{b}`, and one moves off or into the other: what opens between them has no derivative"
+                    ),
+                    "move both together, slide one along the other, or leave a small gap between them",
+                ));
+            }
         }
         let smooth = scene.shapes.iter().find(|s| {
             let reflects = !scene.surfaces[s.surface as usize].is_null();

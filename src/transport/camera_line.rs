@@ -180,7 +180,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
     let piece = &pieces[k];
     let m = &scene.media[piece.span.medium as usize];
     let point = piece.span.o + piece.span.w * t;
-    let gray = total.is_gray() && m.gray;
+    let gray = !line.chromatic;
     // Only competing connections and chromatic weights ask for it.
     let density = if gray && !scene.weighs_flights() { Rgb::ZERO } else { piece.forced_density(scene, total, t) };
     if gray {

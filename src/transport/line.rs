@@ -19,6 +19,8 @@ pub struct Line {
     pub parts: Vec<Part>,
     /// Optical depth of all of it.
     pub total: Rgb,
+    /// Whether any of its media has an extinction a channel. The total does not tell: without an end it is infinite in all of them.
+    pub chromatic: bool,
     /// The medium at its end.
     pub last: Option<u32>,
 }
@@ -28,6 +30,7 @@ impl Line {
         let depth = tracking::depth(&scene.media[span.medium as usize], &span);
         self.parts.push(Part { span, before: self.total, depth });
         self.total += depth;
+        self.chromatic |= !scene.media[span.medium as usize].gray;
     }
 
     /// From `o`, in `medium`, to the distance `t_max`, with nothing opaque on the way; `None` after too many interfaces.
@@ -65,7 +68,7 @@ impl Line {
     /// A collision somewhere on the line, with the density [`Line::density`].
     pub fn force(&self, scene: &Scene, rng: &mut Rng) -> Forced {
         let parts = self.parts.iter().map(|q| (&scene.media[q.span.medium as usize], &q.span, q.before, q.depth));
-        tracking::force(parts, self.total, rng)
+        tracking::force(parts, self.total, self.chromatic, rng)
     }
 
     /// Density per length of the forced collision at `t` of part `k`, per channel.

@@ -175,14 +175,15 @@ pub struct Forced {
 }
 
 /// Invert the truncated exponential of the hero's optical depth over `(medium, span, depth before, depth inside)`
-/// ([T] section 9); gray grids only.
+/// ([T] section 9); gray grids only. `chromatic`: some medium's extinction differs between channels.
 pub fn force<'a>(
     pieces: impl Iterator<Item = (&'a Medium, &'a MediumSpan, Rgb, Rgb)>,
     total: Rgb,
+    chromatic: bool,
     rng: &mut Rng,
 ) -> Forced {
     // Channels with nothing to collide with are never the hero.
-    let hero = if total.is_gray() {
+    let hero = if !chromatic || total.is_zero() {
         0
     } else {
         let lit: Vec<usize> = (0..3).filter(|&c| total[c] > 0.0).collect();

@@ -1,7 +1,9 @@
 //! Analytic reference values of [T] section 11, for the features that exist.
 
-use crate::common::{check, forward};
+use crate::common::{check, estimate, forward, run, scene_of_orders};
 use std::f64::consts::PI;
+use tyndall::render::driver::Mode;
+use tyndall::scene::compile::Orders;
 
 /// AL0/AL1: airlight from a point light, single scattering. Camera at 0 looking along +z, black wall at z = 6;
 /// in AL1 the half-plane y = 0.8, z >= 3 (a rectangle far larger than the scene) casts a shadow.
@@ -219,5 +221,36 @@ fn forced_collisions_with_a_clear_channel() {
         let r = forward(&text(sigma), &["intensity"], 1 << 18);
         check("L in red", &r[0], airlight_quadrature(6.0)[0], 0.005);
         assert_eq!(r[0].value[2], 0.0);
+    }
+}
+
+/// Coloured fog without end: its depth is infinite in every channel, and still each collides by its own extinction.
+#[test]
+fn coloured_fog_without_end() {
+    let text = r#"<scene version="3.0.0"><integrator type="volpath"/>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.2, 0.5, 1.1"/><float name="albedo" value="0.8"/></medium>
+  <sensor type="perspective"><float name="fov" value="0.05"/><transform name="to_world"><lookat origin="0, 0, 0" target="0, 0, 1" up="0, 1, 0"/></transform><ref id="fog"/>
+    <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor>
+  <emitter type="point"><point name="position" value="0.7, 0, 1"/><rgb name="intensity" value="5"/></emitter></scene>"#;
+    let (_, sc) = scene_of_orders(text, &[], Orders { first: 1, last: 1 });
+    let e = estimate(&run(&sc, 1 << 15, 1, Mode::Picture), 0);
+    for (c, sigma) in [0.2, 0.5, 1.1].into_iter().enumerate() {
+        // Simpson over the distance, up to a depth of 40.
+        let (n, end) = (200_000, 40.0 / sigma);
+        let f = |k: usize| {
+            let t = end * k as f64 / n as f64;
+            let r2 = 0.49 + (t - 1.0) * (t - 1.0);
+            let weight = if k == 0 || k == n { 1.0 } else { 2.0 + 2.0 * (k % 2) as f64 };
+            weight * 0.8 * sigma * (-sigma * (t + r2.sqrt())).exp() * 5.0 / (4.0 * std::f64::consts::PI * r2)
+        };
+        let truth = (0..=n).map(f).sum::<f64>() * end / n as f64 / 3.0;
+        let z = (e.value[c] - truth) / e.error[c];
+        println!("channel {c}: {} +- {}, truth {truth}, z {z:.2}", e.value[c], e.error[c]);
+        assert!(
+            z.abs() <= 4.5 && e.error[c] <= 0.01 * truth,
+            "channel {c}: {} +- {}, truth {truth}",
+            e.value[c],
+            e.error[c]
+        );
     }
 }

@@ -3,6 +3,7 @@
 
 use crate::common::{params, scene};
 use tyndall::math::rng::Rng;
+use tyndall::math::stats::Moments;
 use tyndall::math::{DVec2, DVec3, Rgb};
 use tyndall::params::{Covector, Forward, ParamSet, Sink, Slot};
 use tyndall::scene::{On, Scene};
@@ -402,5 +403,62 @@ fn around_a_mesh_that_bends_divergences_are_those_of_the_field() {
         }
         println!("{name}: {moved} move, divergence up to {largest}");
         assert!(moved > 100 && largest < 150.0, "{name}: {moved} {largest}");
+    }
+}
+
+/// [T] T8: a black ball in glowing fog, without scattering; what it takes up, by points of the fog that follow it (58).
+#[test]
+fn t8_moving_ball_in_glowing_fog() {
+    let text = r#"<scene version="3.0.0"><default name="s" value="0"/><integrator type="volpath"/>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.5"/><float name="albedo" value="0"/></medium>
+  <sensor type="perspective"><transform name="to_world"><lookat origin="0, 0, 9" target="0, 0, 0" up="0, 1, 0"/></transform><ref id="fog"/></sensor>
+  <shape type="cube"><transform name="to_world"><scale value="20"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <shape type="sphere"><transform name="to_world"><scale value="0.5"/><translate x="$s"/><rotate y="1" angle="-53.13010235415598"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape></scene>"#;
+    let (desc, scene) = scene(text);
+    let params = params(&desc, &scene, &["s"]);
+    let moving = Moving::new(&scene, &scene.sensors[0], &params).unwrap();
+    let c = Case { scene, params, moving };
+    let (b, width, r, sigma) = (DVec3::new(0.9, 0.2, 0.6), 0.45, 0.5, 0.5);
+    let ball = Velocity::of(Source::Shape { shape: 1, face: 0 }, DVec3::ZERO);
+    assert!((c.vector(&ball, 0) - DVec3::new(0.6, 0.0, 0.8)).length() < 1e-12);
+    let mut rng = Rng::keyed(8, 0, 0, 0);
+    let mut normal = || (2.0 * rng.exponential()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos();
+    let (mut power, mut slope) = (Moments::default(), Moments::default());
+    let mut other = Rng::keyed(9, 0, 0, 0);
+    for _ in 0..400_000 {
+        let y = b + DVec3::new(normal(), normal(), normal()) * width;
+        let middle = y.length();
+        if middle <= r {
+            power.push(0.0);
+            slope.push(0.0);
+            continue;
+        }
+        // A ray to the ball.
+        let least = ((1.0 - r / middle) * (1.0 + r / middle)).sqrt();
+        let cos = 1.0 - other.uniform() * (1.0 - least);
+        let around = std::f64::consts::TAU * other.uniform();
+        let sin = ((1.0 - cos) * (1.0 + cos)).sqrt();
+        let w = tyndall::math::warp::to_world(-y / middle, DVec3::new(sin * around.cos(), sin * around.sin(), cos));
+        let along = -y.dot(w);
+        let d = along - (r * r - (y + w * along).length_squared()).max(0.0).sqrt();
+        let (z, v) = (y + w * d, DVec3::new(0.6, 0.0, 0.8));
+        let n = z / r;
+        let cone = std::f64::consts::TAU * (1.0 - least);
+        let (f, rate) = c.at(&First::default(), y);
+        let apart = v - c.vector(&f, 0);
+        // -2ḋ/d - τ̇, ċ/c by how the segment turns, <V, ∇q>/q, div V; the ball's matter does not stretch.
+        let longer = w.dot(apart);
+        let turned = (apart - w * longer) / d;
+        let score = -2.0 * longer / d - sigma * longer + turned.dot(n) / w.dot(n) + c.number(&rate, 0);
+        let glow = c.vector(&f, 0).dot(b - y) / (width * width);
+        let value = (-sigma * d).exp() * cone * (std::f64::consts::TAU).powf(1.5) * width.powi(3);
+        power.push(value);
+        slope.push(value * (score + glow));
+    }
+    for (name, m, truth) in [("P", &power, 0.73597358481), ("dP", &slope, 1.0931056570)] {
+        let z = (m.mean - truth) / m.standard_error();
+        println!("{name}: {} +- {}, truth {truth}, z {z:.2}", m.mean, m.standard_error());
+        assert!(z.abs() <= 4.5 && m.standard_error() <= 0.005 * truth, "{name}");
     }
 }

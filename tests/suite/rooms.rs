@@ -6,6 +6,8 @@ use tyndall::math::Rgb;
 use tyndall::math::rng::Rng;
 use tyndall::render::driver::{Job, Mode, Outcome};
 use tyndall::render::plan::Terms;
+use tyndall::scene::Scene;
+use tyndall::scene::desc::SceneDesc;
 use tyndall::term::{Motion, ROOMS, rooms};
 
 /// Fog over a floor, a ball, a knot of two triangles; a point light that moves, and a spot with a hard edge that turns.
@@ -218,10 +220,54 @@ fn a_hard_spot_that_moves_on_a_surface_is_refused() {
     assert_ne!(text, FOG);
     let refused = |text: &str, wrt: &str| {
         let (desc, sc) = scene(text);
-        let motion = Motion::new(&sc, &sc.sensors[0], &params(&desc, &sc, &[wrt])).unwrap();
-        motion.check(&sc, &sc.sensors[0], [0, 0, 1, 1], 0.0).err().map(|e| e.to_string())
+        refusal(&desc, &sc, wrt)
     };
     assert!(refused(&text, "spot").is_some_and(|e| e.contains("hard edge") && e.contains("on a surface")));
     assert_eq!(refused(&text, "ball"), None);
     assert_eq!(refused(FOG, "spot"), None);
+}
+
+fn refusal(desc: &SceneDesc, sc: &Scene, wrt: &str) -> Option<String> {
+    let p = params(desc, sc, &[wrt]);
+    let motion = Motion::new(sc, &sc.sensors[0], &p).unwrap();
+    motion.check(sc, &sc.sensors[0], &p, [0, 0, 1, 1], 0.0).err().map(|e| e.to_string())
+}
+
+/// What stands on something may slide on it and turn about its normal, with it or without it, but not leave it.
+#[test]
+fn bodies_that_part_are_refused() {
+    let text = r#"<scene version="3.0.0"><default name="x" value="0"/><default name="up" value="0"/><default name="turn" value="0"/><default name="lean" value="0"/>
+  <default name="floor" value="0"/><default name="wall" value="0"/><default name="ball" value="0.3"/><default name="lid" value="0"/><default name="all" value="0"/>
+  <integrator type="volpath"/>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="1"/></medium>
+  <sensor type="perspective"><transform name="to_world"><lookat origin="0, 1, 9" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>
+  <shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="5"/><translate y="$floor"/><translate y="$all"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="cube" id="block"><transform name="to_world"><scale value="0.3"/><translate y="0.3"/><rotate y="1" angle="$turn"/><translate x="$x" y="$up"/><translate y="$all"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="rectangle" id="wall"><transform name="to_world"><translate y="1" z="-2"/><rotate x="1" angle="$lean"/><translate y="$wall"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="sphere" id="ball"><point name="center" value="2, $ball, 0"/><float name="radius" value="0.3"/><bsdf type="diffuse"/></shape>
+  <shape type="cube" id="box"><transform name="to_world"><scale value="0.5"/><translate x="-3" y="1"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <shape type="rectangle" id="lid"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="0.4"/><translate x="-3" y="1.5"/><translate y="$lid"/></transform><bsdf type="diffuse"/></shape>
+  <emitter type="constant"/></scene>"#;
+    let refused = |wrt: &str| {
+        let (desc, sc) = scene(text);
+        refusal(&desc, &sc, wrt)
+    };
+    for (wrt, who) in [
+        ("up", "`block` stands on `floor`"),
+        ("floor", "stands on `"),
+        ("wall", "`wall` stands on `floor`"),
+        ("lean", "`wall` stands on `floor`"),
+        ("lid", "`lid` stands on `box`"),
+    ] {
+        assert!(refused(wrt).is_some_and(|e| e.contains(who)), "{wrt}: {:?}", refused(wrt));
+    }
+    for wrt in ["x", "turn", "ball"] {
+        assert_eq!(refused(wrt), None, "{wrt}");
+    }
+    let one = text.replace(
+        r#"<translate y="1" z="-2"/><rotate x="1" angle="$lean"/><translate y="$wall"/>"#,
+        r#"<translate y="9" z="-2"/>"#,
+    );
+    let (desc, sc) = scene(&one);
+    assert_eq!(refusal(&desc, &sc, "all"), None);
 }
