@@ -4,15 +4,16 @@
 use super::film::{Film, FilmSpec, batch_ranges};
 use super::filter;
 use super::gradient::{Batches, Gradient, Size};
-use super::health::{Health, Mishap};
-use super::limb::{LIMB_KEY, Limbs};
+use super::health::Mishap;
+use super::limb::Limbs;
+use super::passes::Work;
 use super::plan::Terms;
 use super::rooms::{self, Rooms};
-use super::swept::{Derivatives, Swept};
+use super::swept::Swept;
 use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
-use crate::params::{Forward, Gauge, ParamSet, Reverse};
+use crate::params::{Gauge, ParamSet};
 use crate::scene::Scene;
 use crate::term::Motion;
 use crate::transport::{self, PathRecord, State, Sweep, SweepFacts, Tally, border};
@@ -89,14 +90,6 @@ pub struct Outcome {
     pub room_seconds: Vec<(&'static str, f64)>,
 }
 
-/// What threads share.
-struct Work<'a> {
-    swept: Option<Swept<'a>>,
-    limbs: Option<Limbs<'a>>,
-    rooms: Option<Rooms<'a>>,
-    film: Film,
-}
-
 impl Job<'_> {
     pub fn width(&self) -> usize {
         self.crop[2] - self.crop[0]
@@ -123,7 +116,7 @@ impl Job<'_> {
     }
 
     /// The state a sample of a pixel starts from, and its film point. The key holds the pixel of the whole film, so a crop has the same bits.
-    fn state(&self, purpose: Purpose, x: usize, y: usize, sample: u64) -> (State, [f64; 2]) {
+    pub(super) fn state(&self, purpose: Purpose, x: usize, y: usize, sample: u64) -> (State, [f64; 2]) {
         let sensor = &self.scene.sensors[self.sensor];
         let pixel = self.pixel_key(x, y);
         let film = self.scene.films[self.sensor];
@@ -135,7 +128,7 @@ impl Job<'_> {
         (State::new(rng, o, w, sensor.medium), point)
     }
 
-    fn pixel_key(&self, x: usize, y: usize) -> u64 {
+    pub(super) fn pixel_key(&self, x: usize, y: usize) -> u64 {
         (y * self.scene.sensors[self.sensor].width + x) as u64 | (self.sensor as u64) << 48
     }
 
@@ -324,180 +317,6 @@ impl Job<'_> {
                 .collect(),
         })
     }
-
-    /// Where a pixel of the film lies in the crop.
-    fn in_crop(&self, [x, y]: [usize; 2]) -> Option<usize> {
-        let [x0, y0, x1, y1] = self.crop;
-        (x >= x0 && x < x1 && y >= y0 && y < y1).then(|| (y - y0) * self.width() + x - x0)
-    }
-
-    /// Add one contribution of a room.
-    fn contribute(&self, room: usize, c: &rooms::Contribution, film: &Film, reverse: &mut Option<Reverse>) {
-        let Some(pixel) = self.in_crop(c.pixel) else { return };
-        let finite = c.sample.partials.iter().all(|p| p.v.is_finite());
-        if !c.weight.is_finite() || !finite {
-            film.reject_sample(pixel);
-            return;
-        }
-        match (&self.mode, reverse) {
-            (Mode::Forward(p), _) => {
-                let k = p.len();
-                let mut sink = Forward::new(p);
-                c.emit(&mut sink);
-                for (j, d) in sink.image.iter().enumerate().filter(|(_, d)| !d.is_zero()) {
-                    film.add(pixel, j + 1, *d);
-                    if self.split {
-                        film.add(pixel, 1 + (2 + room) * k + j, *d);
-                    }
-                }
-            }
-            (Mode::Reverse(_, adjoint), Some(r)) => {
-                r.adjoint = adjoint[pixel];
-                c.emit(r);
-            }
-            _ => {}
-        }
-    }
-
-    /// The outward pass of one batch, cut into blocks.
-    fn outward(
-        &self,
-        rooms: &Rooms,
-        samples: std::ops::Range<u64>,
-        film: &Film,
-        dropped: &AtomicBool,
-        gradient: &mut Gradient,
-    ) {
-        // (room, first sample, end) of every block.
-        let mut blocks = Vec::new();
-        for room in 0..rooms.list.len() {
-            let n = rooms.outward_samples(room);
-            let (mut first, end) = (samples.start * n, samples.end * n);
-            while first < end {
-                let next = (first + rooms::BLOCK).min(end);
-                blocks.push((room, first, next));
-                first = next;
-            }
-        }
-        gradient.gather(blocks.len(), matches!(self.mode, Mode::Reverse(..)), |k, sink| {
-            if self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
-                dropped.store(true, Ordering::Relaxed);
-                return;
-            }
-            let (room, first, end) = blocks[k];
-            let mut tally = Tally::default();
-            let start = Instant::now();
-            for i in first..end {
-                rooms.outward(room, i, &mut tally, &mut |c| self.contribute(room, &c, film, sink));
-            }
-            rooms.add_time(room, start);
-            count(&film.health, &tally);
-        });
-    }
-
-    /// The samples of one batch in some pixels.
-    fn tile(
-        &self,
-        pixels: std::ops::Range<usize>,
-        samples: std::ops::Range<u64>,
-        work: &Work,
-        light_on_ray: &Mutex<Option<[usize; 2]>>,
-        reverse: &mut Option<Reverse>,
-    ) {
-        let Work { swept, limbs, rooms, film } = work;
-        let images = swept.as_ref().map_or(0, |s| s.images);
-        let (mut one, mut derivative) = (Derivatives::new(images), Derivatives::new(images));
-        let mut tally = Tally::default();
-        for pixel in pixels {
-            let (x, y) = (self.crop[0] + pixel % self.width(), self.crop[1] + pixel / self.width());
-            let key = self.pixel_key(x, y);
-            let mut sum = Rgb::ZERO;
-            derivative.clear();
-            for s in samples.clone() {
-                let (state, point) = self.state(Purpose::Path, x, y, s);
-                let on_ray = tally.light_on_ray;
-                let weight = limbs.as_ref().map_or(1.0, |l| l.weight(point, [x, y]));
-                if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
-                    r.adjoint = adjoint[pixel] * weight;
-                }
-                let value = match swept {
-                    Some(swept) => {
-                        let d = Rng::keyed(self.seed, Purpose::Derivative as u64, key, s);
-                        swept.path(state, d, &mut one, reverse, &mut tally)
-                    }
-                    None => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
-                };
-                if tally.light_on_ray > on_ray {
-                    if let Ok(mut first) = light_on_ray.lock() {
-                        *first =
-                            Some(first.map_or([x, y], |f: [usize; 2]| if (f[1], f[0]) <= (y, x) { f } else { [x, y] }));
-                    }
-                }
-                // A sample that is not a number is left out whole and counted, never set to 0 in silence.
-                if !value.is_finite() || !one.is_finite() {
-                    film.reject_sample(pixel);
-                    continue;
-                }
-                sum += value;
-                derivative.add(&one, weight);
-            }
-            film.add(pixel, 0, sum);
-            if let Some(swept) = swept {
-                swept.deposit(&derivative, 1.0, pixel, film);
-            }
-            if let Some(rooms) = rooms {
-                for (room, s) in (0..rooms.list.len()).flat_map(|r| samples.clone().map(move |s| (r, s))) {
-                    rooms.along(room, [x, y], key, s, &mut tally, &mut |c| {
-                        self.contribute(room, &c, film, reverse);
-                    });
-                }
-            }
-        }
-        count(&film.health, &tally);
-    }
-
-    /// Paths of one batch through the limbs of spheres.
-    fn limbs(
-        &self,
-        limbs: &Limbs,
-        swept: &Swept,
-        samples: std::ops::Range<u64>,
-        film: &Film,
-        dropped: &AtomicBool,
-        gradient: &mut Gradient,
-    ) {
-        let sensor = &self.scene.sensors[self.sensor];
-        let (first, end) = (samples.start * limbs.count(), samples.end * limbs.count());
-        let blocks = (end - first).div_ceil(rooms::BLOCK) as usize;
-        gradient.gather(blocks, matches!(self.mode, Mode::Reverse(..)), |k, reverse| {
-            if self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
-                dropped.store(true, Ordering::Relaxed);
-                return;
-            }
-            let first = first + k as u64 * rooms::BLOCK;
-            let (mut d, mut tally) = (Derivatives::new(swept.images), Tally::default());
-            for i in first..(first + rooms::BLOCK).min(end) {
-                let key = LIMB_KEY | self.sensor as u64;
-                let mut rng = Rng::of(limbs.even(), self.seed, Purpose::Path as u64, key, i);
-                let Some(point) = limbs.sample(&mut rng) else { continue };
-                let pixels = limbs.weights(point).filter_map(|(p, w)| Some((self.in_crop(p)?, w)));
-                let pixels: Vec<(usize, f64)> = pixels.collect();
-                let Some(&(nearest, _)) = pixels.first() else { continue };
-                if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
-                    r.adjoint = pixels.iter().fold(Rgb::ZERO, |sum, (p, w)| sum + adjoint[*p] * *w);
-                }
-                let (o, w) = sensor.ray(point[0], point[1]);
-                let stream = Rng::keyed(self.seed, Purpose::Derivative as u64, key, i);
-                swept.path(State::new(rng, o, w, sensor.medium), stream, &mut d, reverse, &mut tally);
-                if d.is_finite() {
-                    pixels.iter().for_each(|(p, w)| swept.deposit(&d, *w, *p, film));
-                } else {
-                    film.reject_sample(nearest);
-                }
-            }
-            count(&film.health, &tally);
-        });
-    }
 }
 
 fn square(image: &[Rgb]) -> f64 {
@@ -506,14 +325,6 @@ fn square(image: &[Rgb]) -> f64 {
 
 fn finite(x: f64) -> f64 {
     if x.is_finite() { x } else { 0.0 }
-}
-
-fn count(health: &Health, t: &Tally) {
-    health.add(Mishap::TruncatedEnergy, t.capped);
-    health.add(Mishap::MissedBoundaries, t.missed_boundary);
-    health.add(Mishap::LightOnRay, t.light_on_ray);
-    health.add(Mishap::UnboundedVacuum, t.unbounded_vacuum);
-    health.add(Mishap::RejectedNonfinite, t.nonfinite);
 }
 
 /// Root mean square of the standard errors over the mean of the picture.

@@ -10,6 +10,7 @@ mod font;
 pub mod gradient;
 pub mod health;
 mod limb;
+mod passes;
 pub mod plan;
 pub mod plot;
 pub mod png;
