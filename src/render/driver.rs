@@ -222,8 +222,9 @@ impl Job<'_> {
         let (scene, sensor) = (self.scene, &self.scene.sensors[self.sensor]);
         let (images, room_count) = (self.layers().len() - 1, rooms.as_ref().map_or(0, |r| r.list.len()));
         let split_layers = self.split.then_some([1 + images, 1 + (2 + room_count) * images]);
+        let cut = motion.as_ref().map(|m| m.moving.cut().clone()).unwrap_or_default();
         let swept = swept.map(|params| {
-            let facts = Arc::new(SweepFacts::new(scene, sensor, params)?);
+            let facts = Arc::new(SweepFacts::new(scene, sensor, params, &cut)?);
             let sweep = Sweep { scene, set: &scene.settings, params, facts, sensor };
             Ok(Swept { sweep, borders, images, layers: split_layers })
         });

@@ -178,7 +178,8 @@ impl Ball {
         let to = self.c - o;
         let along = to.dot(w);
         let b = (to - w * along).length();
-        if along <= 0.0 || b >= self.r || to.length() <= self.r {
+        let pinhole = matches!(sensor.projection, Projection::Perspective { .. });
+        if along <= 0.0 || b >= self.r || (pinhole && to.length() <= self.r) {
             return 0.0;
         }
         let cos = ((1.0 - b / self.r) * (1.0 + b / self.r)).sqrt();
@@ -259,7 +260,7 @@ impl Strips {
         }
         let length: f64 = list.iter().map(|s| s.length).sum();
         let widest = HALF_WIDTH.0 + HALF_WIDTH.1 * size.max_element();
-        let half_width = widest.min(0.5 * CROWD * size.x * size.y / length.max(1e-300));
+        let half_width = widest.min(0.5 * CROWD * size.x * size.y / length.max(1e-300)).max(HALF_WIDTH.0);
         for s in &mut list {
             // Around corners no gap is left between neighbours.
             let more = 0.25 * half_width;

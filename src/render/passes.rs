@@ -155,7 +155,7 @@ impl Job<'_> {
         count(&film.health, &tally);
     }
 
-    /// Paths of one batch through the limbs of spheres.
+    /// Paths of one batch beside outlines.
     pub(super) fn limbs(
         &self,
         limbs: &Limbs,

@@ -2,17 +2,21 @@
 //! only, so that there is no derivative.
 
 use super::Motion;
+use super::rims::{Rim, rims};
 use crate::math::DVec3;
 use crate::params::{ParamSet, Slot};
 use crate::scene::Scene;
 use crate::scene::nearest::{Kind, Near};
 use crate::shape::Geometry;
+use rayon::prelude::*;
 
-/// Edges that are looked at, at most.
+/// Edges of a shape that are looked at, at most.
 const EDGES: usize = 20_000;
-/// Where on an edge; two of them have to touch.
-const PLACES: [f64; 3] = [0.23, 0.5, 0.77];
-/// Distances that count as contact, in scene radii, and speeds that count as parting, of the larger one.
+/// Shapes above which their boxes are not compared in pairs.
+const MANY: usize = 2000;
+/// Places on an edge, of which two neighbours have to touch.
+const PLACES: u32 = 24;
+/// Distances that count as contact, in scene radii, and speeds that count as parting, of the largest of both bodies.
 const TOUCHES: f64 = 1e-7;
 const PARTS: f64 = 1e-6;
 
@@ -20,34 +24,65 @@ const PARTS: f64 = 1e-6;
 pub fn find(scene: &Scene, motion: &Motion, params: &ParamSet) -> Option<(u32, u32)> {
     let reach = TOUCHES * scene.bounds.radius();
     let edges = motion.edges(scene);
-    let step = edges.len().div_ceil(EDGES).max(1);
-    (0..edges.len()).step_by(step).find_map(|i| {
+    // Shapes with something near.
+    let shapes = &scene.shapes;
+    let beside = |i: usize| {
+        let own = shapes[i].shape.bounds();
+        let counts = |k: usize| k != i && (!scene.is_null(&shapes[k]) || shapes[k].boundary);
+        shapes.len() > MANY || (0..shapes.len()).any(|k| counts(k) && shapes[k].shape.bounds().gap(&own) <= reach)
+    };
+    let near: Vec<bool> = (0..shapes.len()).map(beside).collect();
+    let mut counts = vec![0usize; scene.shapes.len()];
+    (0..edges.len()).for_each(|i| counts[edges.shape(i) as usize] += 1);
+    let chosen = (0..edges.len()).into_par_iter().filter(|&i| near[edges.shape(i) as usize]);
+    let chosen = chosen.filter(|&i| i % counts[edges.shape(i) as usize].div_ceil(EDGES) == 0);
+    let of_edge = |i: usize| {
         let e = edges.get(scene, i);
-        let own = e.faces[0].0;
+        let shapes: Vec<u32> = e.faces.iter().map(|f| f.0).collect();
         let face = e.faces[0].1.first().copied().unwrap_or(0);
-        let mut parting = None;
-        for p in PLACES.map(|t| e.edge.a.lerp(e.edge.b, t)) {
-            let other = |s: u32| e.faces.iter().all(|f| f.0 != s);
-            let alike = |s: u32| motion.class(s) == motion.class(own);
-            let body = scene.nearest_point(Kind::Opaque, p, reach, &|s, _| other(s) && !alike(s));
-            let border = || scene.nearest_point(Kind::Null, p, reach, &|s, _| scene.shapes[s as usize].boundary);
-            let near: Option<Near> = body.or_else(border);
-            let Some(near) = near else { continue };
+        stands(scene, motion, params, reach, &shapes, face, |t| e.edge.a.lerp(e.edge.b, t))
+    };
+    let of_rim = |r: &Rim| {
+        let shapes: Vec<u32> = r.shapes().collect();
+        stands(scene, motion, params, reach, &shapes, 0, |t| r.edge(t).a)
+    };
+    chosen.find_map_first(of_edge).or_else(|| rims(scene, motion).iter().find_map(of_rim))
+}
+
+/// What a curve of a shape (of several that share it) lies in and parts from.
+fn stands(
+    scene: &Scene,
+    motion: &Motion,
+    params: &ParamSet,
+    reach: f64,
+    shapes: &[u32],
+    face: u32,
+    at: impl Fn(f64) -> DVec3,
+) -> Option<(u32, u32)> {
+    let own = *shapes.first()?;
+    let mut before = None;
+    for k in 0..PLACES {
+        let p = at((f64::from(k) + 0.5) / f64::from(PLACES));
+        let other = |s: u32| !shapes.contains(&s) && motion.class(s) != motion.class(own);
+        let body = scene.nearest_point(Kind::Opaque, p, reach, &|s, _| other(s));
+        let border = || scene.nearest_point(Kind::Null, p, reach, &|s, _| scene.shapes[s as usize].boundary);
+        let near: Option<Near> = body.or_else(border);
+        let parting = near.filter(|near| {
             let n = scene.shapes[near.shape as usize].shape.normal(near.face, near.p);
-            if parts(scene, params, [own, face], [near.shape, near.face], p, n) {
-                if parting == Some(near.shape) {
-                    return Some((own, near.shape));
-                }
-                parting = Some(near.shape);
-            }
+            parts(scene, params, [own, face], [near.shape, near.face], p, n)
+        });
+        let shape = parting.map(|n| n.shape);
+        if shape.is_some() && shape == before {
+            return Some((own, shape?));
         }
-        None
-    })
+        before = shape;
+    }
+    None
 }
 
 /// Whether two faces have different velocities along n at p, for any parameter.
 fn parts(scene: &Scene, params: &ParamSet, a: [u32; 2], b: [u32; 2], p: DVec3, n: DVec3) -> bool {
-    let velocity = |[shape, face]: [u32; 2], k: usize| {
+    let velocity = |[shape, face]: [u32; 2], p: DVec3, k: usize| {
         let along = |axis: DVec3| {
             let mut sum = 0.0;
             scene.matter(shape, face).forms(p, axis, |f| {
@@ -58,7 +93,9 @@ fn parts(scene: &Scene, params: &ParamSet, a: [u32; 2], b: [u32; 2], p: DVec3, n
         DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z))
     };
     (0..params.len()).any(|k| {
-        let (a, b) = (velocity(a, k), velocity(b, k));
-        (a - b).dot(n).abs() > PARTS * a.length().max(b.length())
+        // A hinge stands still but for rounding.
+        let speeds = scene.bounds.probes().into_iter().flat_map(|q| [velocity(a, q, k), velocity(b, q, k)]);
+        let fastest = speeds.fold(0.0, |m, v| v.length().max(m));
+        (velocity(a, p, k) - velocity(b, p, k)).dot(n).abs() > PARTS * fastest
     })
 }

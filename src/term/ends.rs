@@ -303,7 +303,8 @@ pub fn motion(cx: &Context, point: &Point, watch: &Watch, c: DVec3, out: &mut Pa
             let (carried, _) = Moving::on_surface(&watch.first, h.p, watch.place == Place::Later);
             let own = moving.moves(h.shape).then(|| Velocity::of(Source::at(h), h.p));
             let own = own.map_or(carried.clone(), |v| v.plus(1.0, &carried));
-            match moving.film_line(scene).held(&watch.first, h).filter(|_| watch.place == Place::Second) {
+            let held = moving.film_line(scene).held(&watch.first, [h.shape, h.face], h.p, h.n);
+            match held.filter(|_| watch.place == Place::Second) {
                 Some(a) => own.plus(1.0, &watch.first.ahead_of(&moving.field, h).mapped(a.map)),
                 None => own,
             }

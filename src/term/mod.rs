@@ -67,6 +67,8 @@ pub struct Motion {
     /// A lamp that light passes through, where it or anything else moves.
     glowing_null: Option<String>,
     edges: OnceLock<Arc<EdgeSet>>,
+    /// Pairs of shapes that pass through each other, or twice the same.
+    crossed: Vec<(u32, u32)>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -89,7 +91,14 @@ impl Motion {
         let glows = |s: &&crate::scene::Instance| scene.is_null(s) && s.light.is_some() && (others || s.moves(params));
         let glowing_null = scene.shapes.iter().find(glows).map(|s| s.name.clone());
         let lights = scene.lights.iter().map(motion).collect();
-        Ok(Motion { lights, moving, glowing_null, edges: OnceLock::new() })
+        let mut motion = Motion { lights, moving, glowing_null, edges: OnceLock::new(), crossed: Vec::new() };
+        if motion.surfaces() {
+            motion.crossed = crossings::all(scene, &motion);
+            let is_cut = |i: usize| motion.crossed.iter().any(|&(a, b)| [a, b].contains(&(i as u32)));
+            let cut = (0..scene.shapes.len()).map(is_cut).collect();
+            motion.moving = motion.moving.with_cut(cut);
+        }
+        Ok(motion)
     }
 
     /// Edges of everything opaque: made when someone asks first.
@@ -158,7 +167,12 @@ impl Motion {
             ));
         }
         if self.surfaces() {
-            if let Some((a, b)) = crossings::find(scene, self) {
+            // One of them moves, or the camera: the curve itself would have to be known.
+            let concerned = |&&(a, b): &&(u32, u32)| {
+                let moves = self.moving.camera || self.moves(a) || self.moves(b);
+                moves && (a != b || self.moving.bends(a))
+            };
+            if let Some(&(a, b)) = self.crossed.iter().find(concerned) {
                 let name = |k: u32| &scene.shapes[k as usize].name;
                 if a == b {
                     return Err(Error::usage(

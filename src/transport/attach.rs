@@ -12,7 +12,7 @@
 //! together score what they would with v alone (nothing, if that is rigid), `1-χ` of what Δ and C score, and `<∇χ, QΔ>`.
 //!
 //! ρ is the distance from x to the nearest place over which such points would flow: to the horizon that x sees on a sphere (<n,w> is 0 there), and to the border of a
-//! flat face; on a sphere at most the radius R. A border that lies in the plane of x's own face is none: Δ lies in that plane, and rays in it stay there. On
+//! flat face (of shapes that others cut, nowhere: where they do is no border that anyone knows); on a sphere at most the radius R. A border that lies in the plane of x's own face is none: light goes there at a cosine of 0 (whatever a surface that is not diffuse reflects at grazing must vanish with it, too). On
 //! a cylinder's wall χ has a factor besides that is 0 at those rims that do not lie so: `κ(|2h/l - 1|)` where none does, `κ(h'/l)` where one does, h and h'
 //! the heights of z over the base and over that rim, l the length.
 
@@ -39,7 +39,8 @@ impl Attached {
         // From inside there is no horizon.
         let curved = |r: f64, from_middle: f64| {
             let horizon = from_middle - r * r;
-            if horizon > 0.0 { r.min(horizon.sqrt()) } else { r }
+            // A point of the shape itself sees none, whatever its rounding.
+            if horizon > 1e-9 * r * r { r.min(horizon.sqrt()) } else { r }
         };
         let reach = match shape {
             Shape::Sphere(s) => curved(s.radius, (x - s.center).length_squared()),

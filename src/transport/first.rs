@@ -82,6 +82,8 @@ pub struct FilmLine<'a> {
     pub scene: &'a Scene,
     pub field: &'a Field,
     pub camera: bool,
+    /// Shapes that others cut.
+    pub cut: &'a [bool],
 }
 
 /// A first vertex in motion.
@@ -259,16 +261,16 @@ impl FilmLine<'_> {
         if !self.field.follows() {
             return first;
         }
-        let slides = self.held(&first, hit).map(|a| first.ahead_of(self.field, hit).mapped(a.map));
+        let held = self.held(&first, [hit.shape, hit.face], hit.p, hit.n);
+        let slides = held.map(|a| first.ahead_of(self.field, hit).mapped(a.map));
         let face = Some((hit.shape, hit.face, hit.n));
         First { after: slides.and_then(|e| self.excess(hit.p, e, face, true)), ..first }
     }
 
-    /// How the second vertex keeps to its direction from the first.
-    pub fn held(&self, first: &First, second: &Hit) -> Option<Attached> {
-        let (x, own) = first.at?;
-        let shape = &self.scene.shapes[second.shape as usize].shape;
-        Attached::new(shape, second.face, x, own.map(|h| h.n), second.p, second.n)
+    /// How the second vertex, z on a face of normal n, keeps to its direction from the first.
+    pub fn held(&self, first: &First, [shape, face]: [u32; 2], z: DVec3, n: DVec3) -> Option<Attached> {
+        let (x, own) = first.at.filter(|_| !self.cut.get(shape as usize).copied().unwrap_or(false))?;
+        Attached::new(&self.scene.shapes[shape as usize].shape, face, x, own.map(|h| h.n), z, n)
     }
 
     /// `along`: e keeps to the face as it is.
@@ -304,14 +306,6 @@ impl FilmLine<'_> {
     }
 }
 
-/// Whose matter a first vertex goes beside when the second lies on this face: its own if it lies on the same shape.
-pub fn beside(own: Option<&Hit>, shape: u32, face: u32) -> Source {
-    match own {
-        Some(hit) if hit.shape == shape => Source::at(hit),
-        _ => Source::Shape { shape, face },
-    }
-}
-
 impl First {
     /// Adds to V at a later point y, and to its divergence, what the first vertex carries along, and the second one if `y` comes `after` it.
     pub fn carry(&self, y: DVec3, after: bool, mut v: Velocity, rate: &mut Rate) -> Velocity {
@@ -327,10 +321,18 @@ impl First {
 
     /// Δ of [`super::attach`] before a second vertex on a surface.
     pub fn ahead_of(&self, field: &Field, z: &Hit) -> Velocity {
-        let Some((x, own)) = &self.at else { return Velocity::default() };
         let carried = self.carry(z.p, false, Velocity::default(), &mut Rate::default());
-        let matter = field.class(z.shape).map(|_| Velocity::of(beside(own.as_ref(), z.shape, z.face), *x));
+        let matter = field.class(z.shape).and_then(|_| self.beside([z.shape, z.face]));
         self.velocity.clone().plus(-1.0, &matter.unwrap_or_default()).plus(-1.0, &carried)
+    }
+
+    /// What matter it goes beside when the second vertex lies on this face: its own if it lies on the same shape.
+    pub fn beside(&self, [shape, face]: [u32; 2]) -> Option<Velocity> {
+        let source = |own: &Option<Hit>| match own {
+            Some(hit) if hit.shape == shape => Source::at(hit),
+            _ => Source::Shape { shape, face },
+        };
+        self.at.as_ref().map(|(x, own)| Velocity::of(source(own), *x))
     }
 
     /// Whether it carries anything.

@@ -12,9 +12,8 @@
 //!
 //! Silhouettes have rooms of their own.
 
-use super::attach::Attached;
 use super::field::{Field, classes};
-use super::first::{FilmLine, First, Seen, beside};
+use super::first::{FilmLine, First, Seen};
 use super::piece::{Piece, Stop};
 use super::record::{Drawn, End, MediumSpan};
 use super::velocity::{Rate, Source, Velocity, transposed};
@@ -26,6 +25,7 @@ use crate::phase::one_minus_cos;
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
 use crate::shape::Shape;
+use std::sync::Arc;
 
 /// Which shapes move, how medium points follow, and whether the camera moves.
 #[derive(Clone, Debug, Default)]
@@ -37,6 +37,8 @@ pub struct Moving {
     followed: Vec<u32>,
     /// Meshes whose vertices are parameters.
     bending: Vec<bool>,
+    /// Shapes that others cut: empty where nobody looked.
+    cut: Arc<[bool]>,
 }
 
 impl Moving {
@@ -46,7 +48,24 @@ impl Moving {
         let bending: Vec<bool> = scene.shapes.iter().map(|s| s.bends(params)).collect();
         let followed: Vec<u32> = (0..scene.lights.len() as u32).filter(|&i| follows(scene, params, i)).collect();
         let any = camera || !followed.is_empty() || classes.iter().any(Option::is_some);
-        Ok(Moving { any, field: Field::new(scene, classes, &bending, &followed)?, camera, followed, bending })
+        Ok(Moving {
+            any,
+            field: Field::new(scene, classes, &bending, &followed)?,
+            camera,
+            followed,
+            bending,
+            cut: Arc::default(),
+        })
+    }
+
+    /// With the shapes that others cut.
+    #[must_use]
+    pub fn with_cut(self, cut: Arc<[bool]>) -> Moving {
+        Moving { cut, ..self }
+    }
+
+    pub fn cut(&self) -> &Arc<[bool]> {
+        &self.cut
     }
 
     pub fn any(&self) -> bool {
@@ -68,7 +87,7 @@ impl Moving {
     }
 
     pub fn film_line<'a>(&'a self, scene: &'a Scene) -> FilmLine<'a> {
-        FilmLine { scene, field: &self.field, camera: self.camera }
+        FilmLine { scene, field: &self.field, camera: self.camera, cut: &self.cut }
     }
 
     /// Velocity of a later medium vertex, and its divergence. `after`: it comes after the second one, too.
@@ -151,10 +170,10 @@ impl Chain {
 }
 
 impl<S: Sink> Chained<'_, S> {
-    fn tip(&self, end: End) -> Tip {
+    fn tip(&self, end: End, first: &First) -> Tip {
         match end {
             End::Shape { shape, face, p, n } => {
-                let (carried, spread) = Moving::on_surface(self.first, p, self.after);
+                let (carried, spread) = Moving::on_surface(first, p, self.after);
                 let (at, turn) = (Covector::default(), Covector::default());
                 Tip::Surface { shape, face, p, n, carried, spread, at, turn }
             }
@@ -171,14 +190,14 @@ impl<S: Sink> Chained<'_, S> {
                 leg.value += value;
                 leg.emitted += value;
             }
-            none => *none = Some(Leg { tip: self.tip(end), value, emitted: value, pieces: Vec::new() }),
+            none => *none = Some(Leg { tip: self.tip(end, self.first), value, emitted: value, pieces: Vec::new() }),
         }
     }
 
     /// A connection over these spans.
     pub fn connect(&mut self, chain: &mut Chain, end: End, value: Rgb, spans: &[MediumSpan]) {
         let pieces = spans.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
-        chain.connections.push(Leg { tip: self.tip(end), value, emitted: value, pieces });
+        chain.connections.push(Leg { tip: self.tip(end, self.first), value, emitted: value, pieces });
     }
 
     /// A connection by way of a medium point that the walk did not visit. `unscattered`: its value without σ_s of that point.
@@ -193,26 +212,32 @@ impl<S: Sink> Chained<'_, S> {
     ) {
         let (lead, way) = spans.split_at((via.lead as usize).min(spans.len()));
         let pieces = way.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
-        let leg = Leg { tip: self.tip(end), value, emitted: value, pieces };
+        // The camera's own first vertex, of this connection only.
+        let first = seen.then(|| self.first_at(via));
+        let leg = Leg { tip: self.tip(end, first.as_ref().unwrap_or(self.first)), value, emitted: value, pieces };
         let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
-        v.leave(self, leg, seen);
+        v.leave(self, leg, first.as_ref());
         v.source(self.scene.media[via.medium as usize].sigma_s_gradient(via.p), unscattered);
-        self.medium_point(chain, v, value, &Seen::Medium { p: via.p, span: via.span }, lead, seen);
+        self.medium_point(chain, v, value, first.as_ref(), lead);
     }
 
     /// Light that a medium emits. `dark`: its value without σ_a L_e.
     pub fn glow(&mut self, chain: &mut Chain, via: &Drawn, value: Rgb, dark: Rgb, spans: &[MediumSpan], seen: bool) {
         let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
         v.source(self.scene.media[via.medium as usize].glow_gradient(via.p), dark);
-        self.medium_point(chain, v, value, &Seen::Medium { p: via.p, span: via.span }, spans, seen);
+        let first = seen.then(|| self.first_at(via));
+        self.medium_point(chain, v, value, first.as_ref(), spans);
     }
 
-    /// A medium point beside the walk: the camera's own first vertex (`seen`), or the end of a segment from the vertex at hand.
-    fn medium_point(&mut self, chain: &mut Chain, v: Vertex, value: Rgb, at: &Seen, lead: &[MediumSpan], seen: bool) {
-        if seen {
-            let first = self.moving.film_line(self.scene).first(at);
-            v.be_first(self, &first, value);
-            lead.iter().for_each(|s| self.camera_span(s, &first, value));
+    fn first_at(&self, via: &Drawn) -> First {
+        self.moving.film_line(self.scene).first(&Seen::Medium { p: via.p, span: via.span })
+    }
+
+    /// A medium point beside the walk: the camera's own first vertex, or the end of a segment from the vertex at hand.
+    fn medium_point(&mut self, chain: &mut Chain, v: Vertex, value: Rgb, first: Option<&First>, lead: &[MediumSpan]) {
+        if let Some(first) = first {
+            v.be_first(self, first, value);
+            lead.iter().for_each(|s| self.camera_span(s, first, value));
         } else {
             let pieces = lead.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
             let tip = v.ride(self, value);
@@ -306,6 +331,7 @@ impl<'a> Vertex<'a> {
     }
 
     fn leave_all<S: Sink>(&mut self, cx: &mut Chained<S>, chain: &mut Chain, is_first: bool) -> Rgb {
+        let first = is_first.then_some(cx.first);
         let mut after = Rgb::ZERO;
         let mut next = chain.next.take();
         if let Some(leg) = &mut next {
@@ -314,12 +340,13 @@ impl<'a> Vertex<'a> {
         chain.pieces.clear();
         for leg in chain.connections.drain(..).chain(next) {
             after += leg.value;
-            self.leave(cx, leg, is_first);
+            self.leave(cx, leg, first);
         }
         after
     }
 
-    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: Leg, is_first: bool) {
+    /// `first`: this vertex as the path's first, if it is that.
+    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: Leg, first: Option<&First>) {
         let (x, value, scene) = (self.p(), leg.value, cx.scene);
         let (p, w, d) = match &leg.tip {
             Tip::Surface { p, .. } | Tip::Medium { p, .. } => (*p, (*p - x).normalize(), (*p - x).length()),
@@ -362,13 +389,9 @@ impl<'a> Vertex<'a> {
             Tip::Infinity(_) => {}
         }
         // Held to its direction, a point scores less by that share.
-        let own = match self.place {
-            Place::Surface(hit) => Some(hit),
-            Place::Medium { .. } => None,
-        };
-        let attached = match &leg.tip {
-            Tip::Surface { shape, face, p, n, .. } if is_first => {
-                Attached::new(&scene.shapes[*shape as usize].shape, *face, x, own.map(|h| h.n), *p, *n)
+        let attached = match (&leg.tip, first) {
+            (Tip::Surface { shape, face, p, n, .. }, Some(first)) => {
+                cx.moving.film_line(scene).held(first, [*shape, *face], *p, *n)
             }
             _ => None,
         };
@@ -413,9 +436,10 @@ impl<'a> Vertex<'a> {
                     self.at += form;
                     let mut back = form.scaled(-1.0);
                     far_carried += back;
-                    if cx.moving.moves(*shape) {
+                    let matter = first.filter(|_| cx.moving.moves(*shape)).and_then(|f| f.beside([*shape, *face]));
+                    if let Some(v) = matter {
                         back += between.scaled(kept - 1.0);
-                        Velocity::of(beside(own, *shape, *face), x).apply(scene, cx.sensor, &back, cx.sink);
+                        v.apply(scene, cx.sensor, &back, cx.sink);
                     }
                 }
                 move_matter(cx, [*shape, *face], p, *n, &far, &turned);

@@ -89,7 +89,8 @@ struct MediumFacts {
 }
 
 impl SweepFacts {
-    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Result<Self> {
+    /// `cut`: shapes that others cut ([`Moving::with_cut`]).
+    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet, cut: &Arc<[bool]>) -> Result<Self> {
         let media: Vec<MediumFacts> = scene
             .media
             .iter()
@@ -107,7 +108,8 @@ impl SweepFacts {
             .map(|s| matches!(s, Surface::Diffuse { slot, .. } if params.block_active(*slot, 3)))
             .collect();
         let any_source = media.iter().any(|m| m.source) || surfaces.iter().any(|&s| s);
-        let (moving, borders) = (Moving::new(scene, sensor, params)?, Borders::new(scene, params));
+        let (moving, borders) =
+            (Moving::new(scene, sensor, params)?.with_cut(cut.clone()), Borders::new(scene, params));
         let mut count: u32 = 0;
         let bit = |(i, l): (usize, &crate::light::Light)| {
             // A hard edge leaves nothing else of the light to the interior.

@@ -189,7 +189,7 @@ fn second_vertices_that_keep_to_their_direction_take_what_is_near_along() {
         else {
             continue;
         };
-        let Some(attached) = line.held(&first, &z) else { continue };
+        let Some(attached) = line.held(&first, [z.shape, z.face], z.p, z.n) else { continue };
         held += 1;
         let slide = first.ahead_of(&c.moving.field, &z).mapped(attached.map);
         let first = line.then(first, &Second::Surface(z));

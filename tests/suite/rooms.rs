@@ -238,12 +238,17 @@ fn refusal(desc: &SceneDesc, sc: &Scene, wrt: &str) -> Option<String> {
 fn bodies_that_part_are_refused() {
     let text = r#"<scene version="3.0.0"><default name="x" value="0"/><default name="up" value="0"/><default name="turn" value="0"/><default name="lean" value="0"/>
   <default name="floor" value="0"/><default name="wall" value="0"/><default name="ball" value="0.3"/><default name="lid" value="0"/><default name="all" value="0"/>
+  <default name="flap" value="7"/><default name="can" value="0"/><default name="plank" value="0"/>
   <integrator type="volpath"/>
   <medium type="homogeneous" id="fog"><float name="sigma_t" value="1"/></medium>
   <sensor type="perspective"><transform name="to_world"><lookat origin="0, 1, 9" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>
   <shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="5"/><translate y="$floor"/><translate y="$all"/></transform><bsdf type="diffuse"/></shape>
   <shape type="cube" id="block"><transform name="to_world"><scale value="0.3"/><translate y="0.3"/><rotate y="1" angle="$turn"/><translate x="$x" y="$up"/><translate y="$all"/></transform><bsdf type="diffuse"/></shape>
   <shape type="rectangle" id="wall"><transform name="to_world"><translate y="1" z="-2"/><rotate x="1" angle="$lean"/><translate y="$wall"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="rectangle" id="flap"><transform name="to_world"><translate y="1"/><rotate x="1" angle="$flap"/><translate z="-4"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="cylinder" id="can"><point name="p0" x="3" y="$can" z="0"/><point name="p1" x="3" y="0.5" z="0"/><float name="radius" value="0.2"/><bsdf type="diffuse"/></shape>
+  <shape type="cube" id="support"><transform name="to_world"><scale x="0.05" y="0.2" z="0.6"/><translate x="4" y="0.2" z="2"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="cube" id="plank"><transform name="to_world"><scale x="0.9" y="0.1" z="0.05"/><translate x="4" y="0.5" z="2"/><translate y="$plank"/></transform><bsdf type="diffuse"/></shape>
   <shape type="sphere" id="ball"><point name="center" value="2, $ball, 0"/><float name="radius" value="0.3"/><bsdf type="diffuse"/></shape>
   <shape type="cube" id="box"><transform name="to_world"><scale value="0.5"/><translate x="-3" y="1"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
   <shape type="rectangle" id="lid"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="0.4"/><translate x="-3" y="1.5"/><translate y="$lid"/></transform><bsdf type="diffuse"/></shape>
@@ -258,16 +263,26 @@ fn bodies_that_part_are_refused() {
         ("wall", "`wall` stands on `floor`"),
         ("lean", "`wall` stands on `floor`"),
         ("lid", "`lid` stands on `box`"),
+        ("can", "`can` stands on `floor`"),
+        ("plank", "stands on `"),
     ] {
         assert!(refused(wrt).is_some_and(|e| e.contains(who)), "{wrt}: {:?}", refused(wrt));
     }
-    for wrt in ["x", "turn", "ball"] {
+    // A flap that turns about its edge on the floor stays there.
+    for wrt in ["x", "turn", "ball", "flap"] {
         assert_eq!(refused(wrt), None, "{wrt}");
     }
-    let one = text.replace(
-        r#"<translate y="1" z="-2"/><rotate x="1" angle="$lean"/><translate y="$wall"/>"#,
-        r#"<translate y="9" z="-2"/>"#,
-    );
+    // The floor and the block alone; all else is lifted off.
+    let lifted = [
+        (
+            r#"<translate y="1" z="-2"/><rotate x="1" angle="$lean"/><translate y="$wall"/>"#,
+            r#"<translate y="9" z="-2"/>"#,
+        ),
+        (r#"<translate z="-4"/>"#, r#"<translate y="5" z="-4"/>"#),
+        (r#"<point name="p0" x="3" y="$can" z="0"/>"#, r#"<point name="p0" x="3" y="0.2" z="0"/>"#),
+        (r#"<translate x="4" y="0.2" z="2"/>"#, r#"<translate x="4" y="0.25" z="2"/>"#),
+    ];
+    let one = lifted.iter().fold(text.to_string(), |t, (a, b)| t.replace(a, b));
     let (desc, sc) = scene(&one);
     assert_eq!(refusal(&desc, &sc, "all"), None);
 }
