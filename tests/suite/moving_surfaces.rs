@@ -325,18 +325,18 @@ fn still_shapes_that_cut_each_other() {
   <integrator type="path"><integer name="max_depth" value="2"/></integrator>
   <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="4"/></transform><bsdf type="diffuse"/><emitter type="area"/></shape>
   <shape type="rectangle"><transform name="to_world"><rotate y="1" angle="90"/><scale value="2"/></transform>{BLACK}</shape>
-  <shape type="rectangle"><transform name="to_world"><scale value="0.05"/><rotate y="1" angle="-90"/><rotate z="1" angle="30"/><translate x="$x" y="$y"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.25"/><rotate y="1" angle="-90"/><rotate z="1" angle="30"/><translate x="$x" y="$y"/></transform><bsdf type="diffuse"/></shape>
   <sensor type="perspective"><float name="fov" value="4"/><transform name="to_world"><lookat origin="0.1, 0.7, 0.9" target="0.5, 0.6, 0" up="0, 1, 0"/></transform>
     <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor></scene>"#
     );
     let orders = Orders { first: 1, last: 1 };
-    let ours = forward_of(&text, orders, &["x", "y"], &["all"], 1 << 19);
+    let ours = forward_of(&text, orders, &["x", "y"], &["all"], 1 << 17);
     for (k, p) in ["x", "y"].into_iter().enumerate() {
-        let (d, fd) = (&ours[k + 1], difference(&text, orders, p, 0.01, 1 << 19));
+        let (d, fd) = (&ours[k + 1], difference(&text, orders, p, 0.02, 1 << 19));
         let (off, se) = ((d.value[0] - fd.value[0]).abs(), fd.error[0].hypot(d.error[0]));
         println!("{p}: {} +- {}, differences {} +- {}", d.value[0], d.error[0], fd.value[0], fd.error[0]);
         assert!(off <= 4.5 * se + 0.01 * fd.value[0].abs(), "{p}: {} {}", d.value[0], fd.value[0]);
-        // Held over the curve where the wall cuts the floor, they would lose half of it.
+        // Held over the curve where the wall cuts the floor, they lose five sixths of it.
         assert!(se <= 0.08 * fd.value[0].abs().max(0.2), "{p}: +- {se}");
     }
 }
