@@ -79,6 +79,6 @@ fn rims(s: &Cylinder, x: DVec3, plane: Option<DVec3>, z: DVec3) -> (f64, f64) {
         (false, true) => (1.0 - h / l, -1.0 / l),
         _ => ((2.0 * h / l - 1.0).abs(), (2.0 * h / l - 1.0).signum() * 2.0 / l),
     };
-    let (fade, slope) = decay(t.abs());
-    (fade, slope * dt * t.signum())
+    let (fade, slope) = decay(t.max(0.0));
+    (fade, slope * dt)
 }

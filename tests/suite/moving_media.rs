@@ -2,8 +2,9 @@
 //! (nested Gauss rules, their derivatives by fourth-order differences; every one gives the value of [T] beside it where the set-up is the
 //! same), and identities. Each case looks at its picture first, then at its derivatives.
 
-use crate::common::{Estimate, check, estimate, forward_of, params, run, scene_of_orders};
-use tyndall::render::driver::Mode;
+use crate::common::{Estimate, check, estimate, forward_of, job, params, run, scene, scene_of_orders};
+use tyndall::render::driver::{Job, Mode};
+use tyndall::render::plan::Terms;
 use tyndall::scene::compile::Orders;
 
 const BLACK: &str = r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></bsdf>"#;
@@ -421,4 +422,20 @@ fn a_plane_in_uniformly_lit_fog_changes_nothing() {
         }
     }
     assert!(largest < 0.01 * sum, "{largest} of {sum}");
+}
+
+/// Paths of their own beside the outline of the ball (`render::limb`): those of the pixels alone meet it at grazing so rarely that a few of them decide (0.008 to 0.14).
+#[test]
+fn outlines_have_paths_of_their_own() {
+    let text = std::fs::read_to_string("scenes/sphere/scene.xml").unwrap();
+    let errors = [1, 2, 3, 4].map(|seed| {
+        let (desc, sc) = scene(&text);
+        let p = params(&desc, &sc, &["sphere_x"]);
+        let terms = Terms::parse(&["interior".to_string()]).unwrap();
+        let o = Job { terms, ..job(&sc, 64, seed, Mode::Forward(&p)) }.run(&|_| {}).unwrap();
+        let variance: f64 = (0..o.film.spec().pixels()).map(|i| o.film.variance_of_mean(1, i).unwrap().mean()).sum();
+        (variance / o.film.spec().pixels() as f64).sqrt()
+    });
+    println!("{errors:?}");
+    assert!(errors.iter().all(|e| *e < 0.007), "{errors:?}");
 }
