@@ -8,25 +8,21 @@ use super::health::Mishap;
 use super::limb::Limbs;
 use super::passes::Work;
 use super::plan::Terms;
-use super::rooms::{self, Rooms};
+use super::rooms::Rooms;
 use super::swept::Swept;
 use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
-use crate::params::{Gauge, ParamSet};
+use crate::params::ParamSet;
 use crate::scene::Scene;
 use crate::term::Motion;
-use crate::transport::{self, PathRecord, State, Sweep, SweepFacts, Tally, border};
+use crate::transport::{State, Sweep, SweepFacts, border};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Pixels of one work item.
 const TILE: usize = 64;
-/// Paths of the pilot that sets the film's quanta.
-const PILOT: u64 = 512;
-/// Marks the pilot's keys in streams that it shares with the run.
-const PILOT_KEY: u64 = 1 << 63;
 
 /// What is computed besides the picture.
 pub enum Mode<'a> {
@@ -38,7 +34,7 @@ pub enum Mode<'a> {
 }
 
 impl Mode<'_> {
-    fn params(&self) -> Option<&ParamSet> {
+    pub(super) fn params(&self) -> Option<&ParamSet> {
         match self {
             Mode::Picture => None,
             Mode::Forward(p) | Mode::Reverse(p, _) => Some(p),
@@ -99,7 +95,7 @@ impl Job<'_> {
         self.crop[3] - self.crop[1]
     }
 
-    fn layers(&self) -> Vec<String> {
+    pub(super) fn layers(&self) -> Vec<String> {
         let mut v = vec!["".to_string()];
         if let Mode::Forward(p) = &self.mode {
             v.extend(p.names.iter().map(|n| format!("d_{n}")));
@@ -132,70 +128,6 @@ impl Job<'_> {
         (y * self.scene.sensors[self.sensor].width + x) as u64 | (self.sensor as u64) << 48
     }
 
-    /// Quanta of the layers from the brightest of a keyed pilot (`wide`: of the scene's emission): independent of threads,
-    /// crops and modes. One value may be 2.7e8 times that; the resolution is 1.4e-17 of it.
-    fn quanta(&self, sweep: Option<&Sweep>, rooms: &mut Option<Rooms>, borders: bool, wide: bool) -> Vec<i32> {
-        let k = self.layers().len();
-        let mut sums = vec![0.0f64; k];
-        // Over the whole film, so that a crop has the same quanta and the same bits.
-        let sensor = &self.scene.sensors[self.sensor];
-        let n = PILOT.min((sensor.width * sensor.height) as u64 * 8);
-        let mut rec = PathRecord::new();
-        let mut rng = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX, 0);
-        let (mut interior, mut squares) = (0.0, vec![[0.0; 2]; rooms.as_ref().map_or(0, |r| r.list.len())]);
-        let params = self.mode.params();
-        for i in 0..n {
-            let x = (rng.uniform() * sensor.width as f64) as usize;
-            let y = (rng.uniform() * sensor.height as f64) as usize;
-            let (state, _) = self.state(Purpose::Pilot, x, y, i);
-            let mut tally = Tally::default();
-            let value = match (sweep, params) {
-                (Some(sweep), Some(p)) => {
-                    let mut sink = Gauge::new(p);
-                    let d = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX - 1, i);
-                    let v = sweep.sample(state, d, &mut rec, &mut sink, &mut tally);
-                    interior += square(&sink.forward.image) + finite(sink.take_squares());
-                    for (s, d) in sums[1..].iter_mut().zip(&sink.forward.image) {
-                        *s = f64::max(*s, finite(d.abs().max()));
-                    }
-                    v
-                }
-                _ => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
-            };
-            sums[0] = sums[0].max(finite(value.abs().max()));
-            if let (Some(rooms), Some(p)) = (rooms.as_ref(), params) {
-                let mut sink = Gauge::new(p);
-                let mut image = vec![Rgb::ZERO; p.len()];
-                for room in 0..rooms.list.len() {
-                    let mut most = |c: rooms::Contribution, square_sum: &mut f64| {
-                        c.emit(&mut sink);
-                        sink.forward.take(&mut image);
-                        *square_sum += square(&image) + finite(sink.take_squares());
-                        for (s, d) in sums[1..].iter_mut().zip(&image) {
-                            *s = f64::max(*s, finite(d.abs().max()));
-                        }
-                    };
-                    let [along, outward] = &mut squares[room];
-                    rooms.along(room, [x, y], PILOT_KEY | i, 0, &mut tally, &mut |c| most(c, along));
-                    rooms.outward(room, PILOT_KEY | i, &mut tally, &mut |c| most(c, outward));
-                }
-            }
-        }
-        if let Some(rooms) = rooms {
-            rooms.set_budget(interior, &squares);
-        }
-        // Each term may need the whole range.
-        let terms = if self.split { 1 + squares.len() + usize::from(borders) } else { 0 };
-        for _ in 0..terms {
-            sums.extend_from_within(1..k);
-        }
-        // What the pilot did not meet is taken to be of the size of the brightest emission.
-        let brightest = self.scene.brightest();
-        sums.iter()
-            .map(|&s| FilmSpec::quantum_for(if s > 0.0 && !wide { s } else { brightest.max(s) } / 1024.0))
-            .collect()
-    }
-
     /// Render. `progress` is called from worker threads, at most a few times a second worth of tiles.
     pub fn run(&self, progress: &(dyn Fn(Progress) + Sync)) -> Result<Outcome> {
         let outcome = self.run_with(progress, false)?;
@@ -211,6 +143,9 @@ impl Job<'_> {
         let new = |(m, p)| Rooms::new(self.scene, self.sensor, self.crop, self.seed, p, m, |n| self.terms.wants(n));
         let rooms = motion.as_ref().zip(params).map(new).transpose()?;
         let mut rooms = rooms.filter(|r| !r.is_empty());
+        if let (Some(rooms), Some(params)) = (&mut rooms, params) {
+            self.guide(rooms, params);
+        }
         // The sweep computes two terms, told apart by their slots.
         let swept = params.map(|p| {
             let (interior, borders) = (self.terms.wants("interior"), self.terms.wants(border::NAME));
@@ -318,14 +253,6 @@ impl Job<'_> {
                 .collect(),
         })
     }
-}
-
-fn square(image: &[Rgb]) -> f64 {
-    image.iter().map(|d| finite(d.dot(*d))).sum()
-}
-
-fn finite(x: f64) -> f64 {
-    if x.is_finite() { x } else { 0.0 }
 }
 
 /// Root mean square of the standard errors over the mean of the picture.

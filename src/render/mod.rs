@@ -11,6 +11,7 @@ pub mod gradient;
 pub mod health;
 mod limb;
 mod passes;
+mod pilot;
 pub mod plan;
 pub mod plot;
 pub mod png;

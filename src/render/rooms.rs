@@ -7,6 +7,7 @@
 use super::filter;
 use crate::error::Result;
 use crate::math::Rgb;
+use crate::math::guide::{Guide, Numbers};
 use crate::math::rng::{Purpose, Rng};
 use crate::params::{ParamSet, Sink, Slot};
 use crate::scene::Scene;
@@ -44,6 +45,8 @@ pub struct Rooms<'a> {
     /// Camera rays a pixel for one sample of the picture (on average), and outward samples over the whole film, of each room.
     along: Vec<f64>,
     outward: Vec<u64>,
+    /// Densities of the numbers that outward samples begin with.
+    guides: Vec<Option<Guide>>,
     nanoseconds: Vec<AtomicU64>,
     motion: Arc<Motion>,
 }
@@ -81,6 +84,7 @@ impl<'a> Rooms<'a> {
         let outer = scene.outer_medium(sensor.to_world.translation, sensor.medium);
         let list = rooms(scene, sensor, filter::radius(filter), motion, wanted);
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();
+        let guides = list.iter().map(|_| None).collect();
         let along = vec![1.0; list.len()];
         let outward = vec![(sensor.width * sensor.height) as u64; list.len()];
         Ok(Rooms {
@@ -94,6 +98,7 @@ impl<'a> Rooms<'a> {
             list,
             along,
             outward,
+            guides,
             nanoseconds,
             motion: motion.clone(),
         })
@@ -116,6 +121,10 @@ impl<'a> Rooms<'a> {
             self.along[k] = along;
             self.outward[k] = (outward * pixels).ceil() as u64;
         }
+    }
+
+    pub fn set_guide(&mut self, room: usize, guide: Guide) {
+        self.guides[room] = Some(guide);
     }
 
     /// Outward samples of a room for one sample of the picture.
@@ -192,22 +201,31 @@ impl<'a> Rooms<'a> {
         *tally = tally.plus(&cx.tally);
     }
 
-    /// One outward sample, onto all pixels that its film points concern.
-    pub fn outward(&self, room: usize, sample: u64, tally: &mut Tally, f: &mut dyn FnMut(Contribution)) {
+    /// One outward sample, onto all pixels that its film points concern. Returns the numbers that it began with, and their density.
+    pub fn outward(
+        &self,
+        room: usize,
+        sample: u64,
+        tally: &mut Tally,
+        f: &mut dyn FnMut(Contribution),
+    ) -> (Numbers, f64) {
         let mut cx = self.context();
         let mut rng = Rng::of(self.even, self.seed, self.purpose(room, true), self.index as u64, sample);
         let size = [self.sensor.width, self.sensor.height];
-        self.list[room].outward(&mut cx, &mut rng, &mut |s| {
+        let u = std::array::from_fn(|_| rng.uniform());
+        let (lead, density) = self.guides[room].as_ref().map_or((u, 1.0), |g| g.warp(u));
+        self.list[room].outward(&mut cx, &lead, &mut rng, &mut |s| {
             for pixel in filter::pixels(self.filter, s.film, size) {
                 let offset = |k: usize| s.film[k] - (pixel[k] as f64 + 0.5);
                 let w = filter::density(self.filter, offset(0)) * filter::density(self.filter, offset(1));
                 if w > 0.0 {
-                    let weight = s.flux * s.weigh(w, self.along[room], self.outward[room] as f64);
+                    let weight = s.flux * (s.weigh(w, self.along[room], self.outward[room] as f64) / density);
                     f(Contribution { pixel, weight, sample: s });
                 }
             }
         });
         *tally = tally.plus(&cx.tally);
+        (lead, density)
     }
 
     /// Time spent elsewhere for a room.

@@ -93,13 +93,15 @@ pub struct Drawn {
     pub density: f64,
 }
 
-/// Draw a point of the media along w from `b`, by depth or by the angle that it subtends at one of the `poles` (positions with their probabilities).
+/// Draw a point of the media along w from `b`, by depth or by the angle that it subtends at one of the `poles` (positions with their probabilities;
+/// `u` chooses).
 pub fn medium_point(
     scene: &Scene,
     way: &Line,
     b: DVec3,
     w: DVec3,
     poles: &[(DVec3, f64)],
+    u: f64,
     rng: &mut Rng,
 ) -> Option<Drawn> {
     let (first, last) = (way.parts.first()?, way.parts.last()?);
@@ -110,7 +112,7 @@ pub fn medium_point(
     let (lo, hi) = (along(first) + first.span.t0, along(last) + last.span.t1);
     let angles = |p: DVec3| Some(EquiAngular::new(p, b, w, lo, hi)).filter(|a| a.usable());
     let share: f64 = poles.iter().filter(|(p, _)| angles(*p).is_some()).map(|p| p.1).sum();
-    let mut u = rng.uniform();
+    let mut u = u;
     let mut chosen = None;
     for (p, q) in poles {
         if let Some(a) = angles(*p) {
@@ -156,7 +158,7 @@ pub fn medium_end(cx: &mut Context, way: &Line, b: DVec3, w: DVec3, rng: &mut Rn
     // Half by the angles that distances subtend at lights.
     let share = |i: u32| Some((scene.pole(i)?, 0.5 * scene.local_selection(i)));
     let poles: Vec<(DVec3, f64)> = (0..scene.lights.len() as u32).filter_map(share).filter(|p| p.1 > 0.0).collect();
-    let d = medium_point(scene, way, b, w, &poles, rng)?;
+    let d = medium_point(scene, way, b, w, &poles, rng.uniform(), rng)?;
     let weight = d.transmittance * (1.0 / d.density);
     let mut light = ByOrder::default();
     if !d.sigma_s.is_zero() {

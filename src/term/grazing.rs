@@ -18,6 +18,7 @@ use super::sheet::{Grazed, Partials, Reach};
 use super::{Context, Motion, Sample};
 use crate::light::LightKind;
 use crate::math::discrete::Discrete;
+use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Rgb, warp};
 use crate::scene::{Hit, On, Scene};
@@ -183,14 +184,13 @@ impl Edges {
         if self.lamps.total > 0.0 { 1.0 - TO_LAMPS } else { 1.0 }
     }
 
-    /// Draw a line; the densities do not hold the element's probability.
-    fn draw(&self, scene: &Scene, curve: &Curve, rng: &mut Rng) -> Option<Line> {
-        let lamp = if self.lamps.total > 0.0 && rng.uniform() < TO_LAMPS {
-            Some(self.lamps.sample(rng.uniform()).0 as u32)
+    /// Draw a line by its place t on the element, the choice of a lamp, and a direction; the densities do not hold the element's probability.
+    fn draw(&self, scene: &Scene, curve: &Curve, t: f64, [way, u, v]: [f64; 3]) -> Option<Line> {
+        let lamp = if self.lamps.total > 0.0 && way < TO_LAMPS {
+            Some(self.lamps.sample(way / TO_LAMPS).0 as u32)
         } else {
             None
         };
-        let (t, u, v) = (rng.uniform(), rng.uniform(), rng.uniform());
         match curve {
             Curve::Edge(e) => {
                 let length = (e.b - e.a).length();
@@ -488,12 +488,12 @@ impl Graze {
 }
 
 impl Edges {
-    /// Draw a line that nothing blocks at its edge.
-    pub fn sample(&self, cx: &mut Context, rng: &mut Rng) -> Option<Graze> {
+    /// Draw a line that nothing blocks at its edge, by the first four of the numbers.
+    pub fn sample(&self, cx: &mut Context, &[place, way, u, v, _]: &Numbers) -> Option<Graze> {
         let scene = cx.scene;
-        let (k, probability, _) = self.table.sample(rng.uniform());
+        let (k, probability, t) = self.table.sample(place);
         let element = self.element(scene, k);
-        let line = self.draw(scene, &element.curve, rng)?;
+        let line = self.draw(scene, &element.curve, t, [way, u, v])?;
         let (b, w, grazed) = (line.b, line.w, &element.grazed[..]);
         let near = near_end(scene, b, -w, grazed)?;
         let far = scene.opaque_past(b, w, f64::INFINITY, grazed);

@@ -10,6 +10,7 @@ use super::sheet_samples::{self, Found};
 use super::{Context, LightMotion, Motion, Room, Sample};
 use crate::light::{LightKind, Place};
 use crate::math::discrete::Discrete;
+use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, warp};
 use crate::params::Partial;
@@ -127,8 +128,8 @@ impl Room for HardProfile {
         });
     }
 
-    fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
-        let (k, probability, u) = self.table.sample(rng.uniform());
+    fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        let (k, probability, u) = self.table.sample(lead[0]);
         let cone = &self.cones[k];
         let (x, y) = warp::frame(cone.axis);
         let (s, c) = (TAU * u).sin_cos();

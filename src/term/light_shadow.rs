@@ -11,6 +11,7 @@ use super::sheet::{Grazed, Partials, Ray, Reach};
 use super::sheet_samples::{self, Found};
 use super::{Context, Motion, Room, Sample};
 use crate::math::discrete::Discrete;
+use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::params::{Partial, Slot};
 use crate::scene::Scene;
@@ -94,10 +95,10 @@ impl Room for LightShadow {
         });
     }
 
-    fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
-        let (k, probability, _) = self.table.sample(rng.uniform());
+    fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        let (k, probability, _) = self.table.sample(lead[0]);
         let shadow = &self.lights[k];
-        let Some((ray, grazed, _)) = shadow.outlines.sample(rng.uniform()) else { return };
+        let Some((ray, grazed, _)) = shadow.outlines.sample(lead[1]) else { return };
         let ray = Ray { across: ray.across * probability, ..ray };
         let motion =
             |cx: &Context, rho: f64, point: &Point, watch: &Watch| shadow.motion(cx, &ray, rho, grazed, point, watch);

@@ -6,6 +6,7 @@ use super::grazing::Edges;
 use super::light_walk::Vertex;
 use super::sheet::Reach;
 use super::{Context, Room, Sample};
+use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::scene::Scene;
 use crate::sensor::Sensor;
@@ -33,15 +34,19 @@ impl Room for MediumEdge {
 
     fn along(&self, _: &mut Context, _: [f64; 2], _: &mut Rng, _: &mut dyn FnMut(&Sample)) {}
 
-    fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+    fn is_guided(&self) -> bool {
+        true
+    }
+
+    fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         let scene = cx.scene;
         if cx.set.max_depth <= 1 {
             return;
         }
-        let Some(g) = self.edges.sample(cx, rng) else { return };
+        let Some(g) = self.edges.sample(cx, lead) else { return };
         // One end is drawn by depth, or by the angle that it subtends at the camera.
         let eye: Vec<_> = self.reach.eye().map(|p| (p, 0.5)).into_iter().collect();
-        let Some(s) = ends::medium_point(scene, &g.near_way, g.b(), -g.w(), &eye, rng) else { return };
+        let Some(s) = ends::medium_point(scene, &g.near_way, g.b(), -g.w(), &eye, lead[4], rng) else { return };
         if s.sigma_s.is_zero() {
             return;
         }

@@ -25,6 +25,7 @@ pub mod surface_edge;
 
 use crate::error::{Error, Result};
 use crate::math::Rgb;
+use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::params::{ParamSet, Partial, Slot};
 use crate::scene::{Scene, Settings};
@@ -260,7 +261,13 @@ pub trait Room: Send + Sync {
     fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample));
 
     /// One sample from the sheet outward.
-    fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample));
+    /// One sample from the sheet outward. `lead`: the numbers that it begins with.
+    fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample));
+
+    /// Whether `lead` may have any density: not where samples are weighed against those along camera rays.
+    fn is_guided(&self) -> bool {
+        false
+    }
 }
 
 /// Names of all rooms.

@@ -9,6 +9,7 @@ use super::ends;
 use super::outline::Outlines;
 use super::sheet::Partials;
 use super::{Context, Motion, Room, Sample};
+use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::scene::Scene;
 use crate::sensor::Sensor;
@@ -41,9 +42,13 @@ impl Room for PixelEdge {
 
     fn along(&self, _: &mut Context, _: [f64; 2], _: &mut Rng, _: &mut dyn FnMut(&Sample)) {}
 
-    fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+    fn is_guided(&self) -> bool {
+        true
+    }
+
+    fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         let scene = cx.scene;
-        let Some((ray, grazed, faces)) = self.outlines.sample(rng.uniform()) else { return };
+        let Some((ray, grazed, faces)) = self.outlines.sample(lead[0]) else { return };
         let e = ray.at(ray.near);
         let Some(q) = cx.sensor.project(e).filter(|q| cx.on_film(q.film)) else { return };
         let contact = ends::contact(scene);

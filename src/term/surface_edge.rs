@@ -5,6 +5,7 @@ use super::grazing::Edges;
 use super::light_walk::Vertex;
 use super::sheet::Reach;
 use super::{Context, Room, Sample};
+use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::scene::{Instance, Scene};
 use crate::sensor::Sensor;
@@ -36,12 +37,16 @@ impl Room for SurfaceEdge {
 
     fn along(&self, _: &mut Context, _: [f64; 2], _: &mut Rng, _: &mut dyn FnMut(&Sample)) {}
 
-    fn outward(&self, cx: &mut Context, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+    fn is_guided(&self) -> bool {
+        true
+    }
+
+    fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         let scene = cx.scene;
         if cx.set.max_depth <= 1 {
             return;
         }
-        let Some(g) = self.edges.sample(cx, rng) else { return };
+        let Some(g) = self.edges.sample(cx, lead) else { return };
         let Some(s) = g.near.filter(|s| s.t > 0.0 && scene.reflects(s)) else { return };
         let shape = &scene.shapes[s.shape as usize];
         let transmittance = g.near_way.transmittance();
