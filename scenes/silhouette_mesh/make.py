@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Makes knot.ply of this folder: a trefoil tube with bumps, 10 080 triangles."""
+"""Makes knot.ply of this folder: a trefoil tube, 10 080 triangles."""
 import math
 import struct
 
-ALONG, AROUND, TUBE = 360, 14, 0.42
+ALONG, AROUND, TUBE = 240, 21, 0.8
 
 
 def knot(t):
@@ -31,8 +31,7 @@ for i in range(ALONG):
     up = unit(cross(side, [b - a for a, b in zip(p, q)]))
     for j in range(AROUND):
         a = 2 * math.pi * j / AROUND
-        r = TUBE * (1 + 0.18 * math.sin(24 * t) * math.sin(3 * a))
-        vertices.append([c + r * (math.cos(a) * s + math.sin(a) * u) for c, s, u in zip(p, side, up)])
+        vertices.append([c + TUBE * (math.cos(a) * s + math.sin(a) * u) for c, s, u in zip(p, side, up)])
         faces.append((index(i, j), index(i + 1, j), index(i, j + 1)))
         faces.append((index(i, j + 1), index(i + 1, j), index(i + 1, j + 1)))
 with open("knot.ply", "wb") as f:
