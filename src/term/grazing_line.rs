@@ -11,6 +11,7 @@
 use super::rims::Rim;
 use super::wedge::{frame_of, wedge};
 use crate::light::LightKind;
+use crate::math::equiangular::EquiAngular;
 use crate::math::{DVec2, DVec3, warp};
 use crate::scene::{Hit, Scene};
 use crate::shape::edges::Edge;
@@ -73,7 +74,8 @@ impl Curve {
                 past_edge(scene, e, b, length.recip(), lamp, u, v)
             }
             Curve::Rim(rim) => {
-                let (edge, per_length) = on_rim(rim, t);
+                let edge = rim.edge(t);
+                let per_length = 1.0 / (TAU * (edge.b - edge.a).length());
                 past_edge(scene, &edge, edge.a, per_length, lamp, u, v)
             }
             Curve::Cylinder(q) => match lamp {
@@ -102,8 +104,8 @@ impl Curve {
         }
     }
 
-    /// The line from `p` past a point of the outline that `p` sees, uniform in `u`: of an edge or a rim by length (`None` where it is no silhouette), of a sphere on its circle, of a
-    /// wall on its two lines of contact. Knows nothing of what stands in between.
+    /// The line from `p` past a point of the outline that `p` sees, by the number `u`: of an edge, a rim or a wall's two lines of contact by `1/d²`, which keeps points near by
+    /// from being loud; of a sphere uniform on its circle. `None` where an edge is no silhouette. Knows nothing of what stands in between.
     pub fn from_vertex(&self, p: DVec3, u: f64) -> Option<Line> {
         let toward = |b: DVec3| {
             let d = (b - p).length();
@@ -115,15 +117,22 @@ impl Curve {
             Some(Line::from_vertex(b, w, d, unblocked(edge, t.cross(w))?, t, per_length))
         };
         match self {
-            Curve::Edge(e) => past(e, e.a + (e.b - e.a) * u, (e.b - e.a).length().recip()),
+            Curve::Edge(e) => {
+                let (b, per_length) = seen_on(e.a, e.b, p, u)?;
+                past(e, b, per_length)
+            }
             Curve::Rim(rim) => {
-                let (edge, per_length) = on_rim(rim, u);
-                past(&edge, edge.a, per_length)
+                let (turn, density) = rim.turn_seen_from(p, u);
+                let edge = rim.edge(turn);
+                past(&edge, edge.a, density / (edge.b - edge.a).length())
             }
             Curve::Cylinder(q) => {
-                let (b, n) = on_contact(q, p, u)?;
+                let normals = q.contacts_from(p)?;
+                let (n, u) = if u < 0.5 { (normals[0], 2.0 * u) } else { (normals[1], 2.0 * u - 1.0) };
+                let [from, to] = q.line(n);
+                let (b, per_length) = seen_on(from, to, p, u)?;
                 let (w, d) = toward(b);
-                Some(Line::from_vertex(b, w, d, n, q.axis, 0.5 / q.length))
+                Some(Line::from_vertex(b, w, d, n, q.axis, 0.5 * per_length))
             }
             Curve::Sphere { c, r } => {
                 let o = outline(*c, *r, p, u)?;
@@ -166,11 +175,15 @@ fn unblocked(edge: &Edge, normal: DVec3) -> Option<DVec3> {
     (side != 0.0 && sin > 0.0).then(|| normal * (-side / sin))
 }
 
-/// The rim's edge at the fraction t of a turn, and the density of its first point along the rim.
-fn on_rim(rim: &Rim, t: f64) -> (Edge, f64) {
-    let edge = rim.edge(t);
-    let per_length = 1.0 / (TAU * (edge.b - edge.a).length());
-    (edge, per_length)
+/// A point of the segment from a to b by the angle that it subtends at p, and its density per length; `None` where p lies on its line.
+fn seen_on(a: DVec3, b: DVec3, p: DVec3, u: f64) -> Option<(DVec3, f64)> {
+    let length = (b - a).length();
+    let t = (b - a) / length;
+    let angles = EquiAngular::new(p, a, t, 0.0, length);
+    angles.usable().then(|| {
+        let s = angles.sample(u);
+        (a + t * s, angles.density(s))
+    })
 }
 
 /// A line through the point b of an edge, drawn with `per_length`.
@@ -241,21 +254,16 @@ fn along_wall(q: &Cylinder, t: f64, u: f64, v: f64) -> Option<Line> {
 fn past_wall(scene: &Scene, q: &Cylinder, light: u32, t: f64, u: f64, v: f64) -> Option<Line> {
     let LightKind::Area { shape } = scene.lights[light as usize].kind else { return None };
     let z = scene.shapes[shape as usize].shape.sample(u, v);
-    let (b, n) = on_contact(q, z.p, t)?;
+    let normals = q.contacts_from(z.p)?;
+    let (n, t) = if t < 0.5 { (normals[0], 2.0 * t) } else { (normals[1], 2.0 * t - 1.0) };
+    let [from, to] = q.line(n);
+    let b = from + (to - from) * t;
     let distance = (z.p - b).length();
     let w = (z.p - b) / distance;
     let sin = w.cross(q.axis).length();
     let lamp = wall_to_lamp(q, sin, distance, -z.n.dot(w), z.pdf_area)?;
     let target = Some((light, distance));
     Some(Line { lamp, target, ..Line::own(b, w, n, sin * sin / q.radius, wall_density(q, sin)) })
-}
-
-/// A point of the two straight lines in which a wall ends as seen from p, with its outward normal; `None` from within.
-fn on_contact(q: &Cylinder, p: DVec3, t: f64) -> Option<(DVec3, DVec3)> {
-    let normals = q.contacts_from(p)?;
-    let (n, t) = if t < 0.5 { (normals[0], 2.0 * t) } else { (normals[1], 2.0 * t - 1.0) };
-    let [from, to] = q.line(n);
-    Some((from + (to - from) * t, n))
 }
 
 /// Density `dA dθ` of lines that are uniform in area and in the cosine with the axis.
