@@ -1,7 +1,7 @@
 //! Terms E2 and E3 of [T] section 3 once more, from the vertices of camera paths: a validation mode for [`super::surface_edge`] and [`super::medium_edge`].
 //!
 //! Estimates the integral of [T] (24), `∫dl ∫dω sin α ∫∫ ds_S ds_D (-v) P(S) T(S,D) R(D)` with v of (25), in the solid-angle form of published path tracers: an ordinary
-//! camera path, and at every vertex S of it a point B of an outline as S sees it, and the light that comes along the line from behind B. With `dω ds_S = dV_S / d²`
+//! camera path, and at every vertex S of it a point B of an outline as S sees it (by `1/d²`), and the light that comes along the line from behind B. With `dω ds_S = dV_S / d²`
 //! (on a surface `dω = dA_S |cos| / d²`, d = ‖S-B‖) a vertex of the weight W (the path's, σ_s included) brings
 //!
 //! `W f(S) T(S,B) sin α / d² / p(B) (-v) ∫ds_D T(B,D) R(D)`, f the phase function or `ρ f_s |cos|`, p(B) the density of B along the outline.
