@@ -52,7 +52,7 @@ fn term(text: &str, orders: Orders, wrt: &[&str], room: &str, edges: EdgeForm, s
 }
 
 /// Samples from the edge outward, and from vertices; a quarter of them for each order by itself.
-const SPP: [u64; 2] = [1 << 12, 1 << 14];
+const SPP: [u64; 2] = [1 << 14, 1 << 14];
 
 /// Both forms, of all orders together and of each by itself. Standard errors are at most a share `precision` of the whole (of one order: four times that), in the green channel.
 fn agree(text: &str, wrt: &[&str], room: &str, precision: f64) {
