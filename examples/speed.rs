@@ -2,6 +2,7 @@ use std::path::Path;
 use tyndall::render::driver::{Job, Mode};
 use tyndall::render::plan::Terms;
 use tyndall::scene::{Scene, SceneDesc, compile::LoadOptions};
+use tyndall::term::EdgeForm;
 fn main() {
     let a: Vec<String> = std::env::args().collect();
     let desc = SceneDesc::load(Path::new(&a[1]), &[]).unwrap();
@@ -23,6 +24,7 @@ fn main() {
             seed: 1,
             mode,
             terms: Terms::ALL,
+            edges: EdgeForm::Outward,
             split: false,
             max_time: None,
             target_error: None,

@@ -4,7 +4,7 @@ use super::files::{self, Outputs};
 use super::format;
 use super::log::Log;
 use super::loss::{self, Loss, LossReport};
-use super::options::{LogOptions, RenderOptions, SceneOptions, parameters_and_arrays};
+use super::options::{Edges, LogOptions, RenderOptions, SceneOptions, parameters_and_arrays};
 use super::render::picture;
 use super::run::{self, RunReport, Setup};
 use clap::Args;
@@ -52,6 +52,10 @@ pub struct GradArgs {
     /// Terms of the derivative: all, or a list; `tyndall plan` shows them
     #[arg(long, value_name = "TERMS", value_delimiter = ',', default_value = "all")]
     terms: Vec<String>,
+    /// How `surface_edge` and `medium_edge` are estimated: from the edge outward, or, to validate that, from each vertex of camera paths (the
+    /// same mean, far more noise)
+    #[arg(long, value_enum, value_name = "FORM", default_value_t = Edges::Outward)]
+    edges: Edges,
     /// Write the layers of each term too: d_NAME.TERM
     #[arg(long)]
     split_terms: bool,
@@ -79,7 +83,15 @@ impl GradArgs {
         let setup = Setup::new(&self.scene, &self.render, &wrt, log)?;
         let params = setup.scene.param_set(&setup.desc, &wrt)?;
         tell_idle(&params, &wrt, log);
-        picture(&setup, Mode::Forward(&params), &wrt, (terms, self.split_terms), &self.render, &outputs, log)
+        picture(
+            &setup,
+            Mode::Forward(&params),
+            &wrt,
+            (terms, self.edges.into(), self.split_terms),
+            &self.render,
+            &outputs,
+            log,
+        )
     }
 
     fn reverse(&self, wrt: &[String], terms: Terms, log: &Log) -> Result<u8> {
@@ -104,7 +116,7 @@ impl GradArgs {
         };
         setup.stop.check()?;
         let mut job = setup.job(Mode::Reverse(&params, &adjoint), &self.render);
-        job.terms = terms;
+        (job.terms, job.edges) = (terms, self.edges.into());
         if let Some(l) = &loss {
             (job.seed, job.max_time) = (l.gradient_seed, self.half_time());
         }

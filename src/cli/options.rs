@@ -7,6 +7,7 @@ use tyndall::error::{Error, Result};
 pub use tyndall::inverse::duration::duration;
 use tyndall::scene::arrays;
 use tyndall::scene::compile::{LoadOptions, Orders};
+use tyndall::term::EdgeForm;
 
 /// Log and result format.
 #[derive(Args, Clone, Debug, Default)]
@@ -131,6 +132,23 @@ impl StudyOptions {
             overwrite: self.overwrite,
             preview: None,
             progress: ProgressKind::None,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Edges {
+    /// From the edge
+    Outward,
+    /// From each vertex of camera paths
+    PerVertex,
+}
+
+impl From<Edges> for EdgeForm {
+    fn from(e: Edges) -> Self {
+        match e {
+            Edges::Outward => EdgeForm::Outward,
+            Edges::PerVertex => EdgeForm::PerVertex,
         }
     }
 }

@@ -11,6 +11,7 @@ use tyndall::error::Result;
 use tyndall::image::{exr, output};
 use tyndall::render::driver::{Job, Mode};
 use tyndall::render::plan::Terms;
+use tyndall::term::EdgeForm;
 
 /// Render a picture, with the variance of every pixel
 #[derive(Args)]
@@ -31,7 +32,7 @@ impl RenderArgs {
         let name = self.output.clone().unwrap_or_else(|| files::default_name(&self.scene.scene, ".exr"));
         let outputs = Outputs::new(name, "exr", self.render.preview.clone(), self.render.overwrite)?;
         let setup = Setup::new(&self.scene, &self.render, &[], log)?;
-        picture(&setup, Mode::Picture, &[], (Terms::ALL, false), &self.render, &outputs, log)
+        picture(&setup, Mode::Picture, &[], (Terms::ALL, EdgeForm::Outward, false), &self.render, &outputs, log)
     }
 }
 
@@ -40,7 +41,7 @@ pub fn picture(
     setup: &Setup,
     mode: Mode,
     wrt: &[String],
-    (terms, split): (Terms, bool),
+    (terms, edges, split): (Terms, EdgeForm, bool),
     options: &RenderOptions,
     outputs: &Outputs,
     log: &Log,
@@ -50,7 +51,7 @@ pub fn picture(
     if let Some(w) = run::left_out(setup, &terms) {
         log.warn(w);
     }
-    let job = Job { terms, split, ..setup.job(mode, options) };
+    let job = Job { terms, edges, split, ..setup.job(mode, options) };
     let done = run::run(&job, options, &setup.stop, log)?;
     let report = run::report(setup, &done, options, &outputs.all(), wrt, &job.terms);
     let (mut image, beyond) = files::image(&done.outcome, setup.crop, setup.full_size());

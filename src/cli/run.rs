@@ -17,6 +17,7 @@ use tyndall::render::report::{self, Parameter, PlanLine, Report, TermReport};
 use tyndall::scene::desc::suggest;
 use tyndall::scene::parts::Parts;
 use tyndall::scene::{Scene, SceneDesc};
+use tyndall::term::EdgeForm;
 
 /// A scene that is loaded, and what of it is rendered.
 pub struct Setup {
@@ -84,6 +85,7 @@ impl Setup {
             seed: self.seed,
             mode,
             terms: Terms::ALL,
+            edges: EdgeForm::Outward,
             split: false,
             max_time: o.max_time,
             target_error: o.target_error,

@@ -15,7 +15,7 @@ use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
 use crate::params::ParamSet;
 use crate::scene::Scene;
-use crate::term::Motion;
+use crate::term::{EdgeForm, Motion};
 use crate::transport::{State, Sweep, SweepFacts, border};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -52,6 +52,8 @@ pub struct Job<'a> {
     pub mode: Mode<'a>,
     /// Which terms of a derivative are computed.
     pub terms: Terms,
+    /// How the terms of edges are estimated.
+    pub edges: EdgeForm,
     /// A layer for each term of each derivative too.
     pub split: bool,
     /// Stop when this time is over, but not before one batch is done.
@@ -140,7 +142,8 @@ impl Job<'_> {
         let params = self.mode.params().filter(|p| !p.is_empty());
         let motion =
             params.map(|p| Motion::new(self.scene, &self.scene.sensors[self.sensor], p)).transpose()?.map(Arc::new);
-        let new = |(m, p)| Rooms::new(self.scene, self.sensor, self.crop, self.seed, p, m, |n| self.terms.wants(n));
+        let wanted = |n: &str| self.terms.wants(n);
+        let new = |(m, p)| Rooms::new(self.scene, self.sensor, self.crop, self.seed, p, m, self.edges, wanted);
         let rooms = motion.as_ref().zip(params).map(new).transpose()?;
         let mut rooms = rooms.filter(|r| !r.is_empty());
         if let (Some(rooms), Some(params)) = (&mut rooms, params) {

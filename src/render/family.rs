@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::params::ParamSet;
 use crate::scene::compile::LoadOptions;
 use crate::scene::{Scene, SceneDesc};
+use crate::term::EdgeForm;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -96,6 +97,7 @@ impl<'a> View<'a> {
             seed,
             mode,
             terms: Terms::ALL,
+            edges: EdgeForm::Outward,
             split: false,
             max_time: None,
             target_error: None,

@@ -13,7 +13,7 @@ use crate::params::{ParamSet, Sink, Slot};
 use crate::scene::Scene;
 use crate::scene::parts::Filter;
 use crate::sensor::Sensor;
-use crate::term::{Context, Motion, ROOMS, Room, Sample, rooms};
+use crate::term::{Context, EdgeForm, Motion, ROOMS, Room, Sample, rooms};
 use crate::transport::Tally;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -76,17 +76,19 @@ impl<'a> Rooms<'a> {
         seed: u64,
         params: &ParamSet,
         motion: &Arc<Motion>,
+        form: EdgeForm,
         wanted: impl Fn(&str) -> bool,
     ) -> Result<Rooms<'a>> {
         let (index, sensor) = (sensor, &scene.sensors[sensor]);
         let filter = scene.films[index].part.filter;
         motion.check(scene, sensor, params, crop, filter::radius(filter))?;
         let outer = scene.outer_medium(sensor.to_world.translation, sensor.medium);
-        let list = rooms(scene, sensor, filter::radius(filter), motion, wanted);
+        let list = rooms(scene, sensor, filter::radius(filter), motion, form, wanted);
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();
         let guides = list.iter().map(|_| None).collect();
         let along = vec![1.0; list.len()];
-        let outward = vec![(sensor.width * sensor.height) as u64; list.len()];
+        let pixels = (sensor.width * sensor.height) as u64;
+        let outward = list.iter().map(|r| if r.has_outward() { pixels } else { 0 }).collect();
         Ok(Rooms {
             scene,
             sensor,
@@ -119,7 +121,7 @@ impl<'a> Rooms<'a> {
         for (k, r) in rates.iter().enumerate() {
             let [along, outward] = r.map(|r| (r * scale).clamp(RATE.0, RATE.1));
             self.along[k] = along;
-            self.outward[k] = (outward * pixels).ceil() as u64;
+            self.outward[k] = if self.list[k].has_outward() { (outward * pixels).ceil() as u64 } else { 0 };
         }
     }
 

@@ -9,6 +9,7 @@ use crate::render::health::Mishap;
 use crate::render::plan::Terms;
 use crate::scene::compile::LoadOptions;
 use crate::scene::{Scene, SceneDesc};
+use crate::term::EdgeForm;
 use rayon::ThreadPool;
 use std::path::Path;
 use std::time::Instant;
@@ -71,6 +72,7 @@ impl Subject {
             seed,
             mode,
             terms: Terms::ALL,
+            edges: EdgeForm::Outward,
             split: false,
             max_time: None,
             target_error: None,

@@ -20,11 +20,14 @@ pub struct MediumEdge {
 }
 
 impl MediumEdge {
-    pub fn prepare(scene: &Scene, sensor: &Sensor, edges: &Option<Arc<Edges>>) -> Option<MediumEdge> {
-        let scatters = scene.media.iter().any(|m| !m.sigma_s.is_zero());
-        let edges = scatters.then(|| edges.clone())??;
-        Some(MediumEdge { edges, reach: Reach::new(scene, sensor) })
+    pub fn new(scene: &Scene, sensor: &Sensor, edges: &Arc<Edges>) -> MediumEdge {
+        MediumEdge { edges: edges.clone(), reach: Reach::new(scene, sensor) }
     }
+}
+
+/// Whether any medium scatters.
+pub fn is_needed(scene: &Scene) -> bool {
+    scene.media.iter().any(|m| !m.sigma_s.is_zero())
 }
 
 impl Room for MediumEdge {

@@ -12,16 +12,19 @@ pub mod edge_set;
 pub mod ends;
 pub mod follows;
 pub mod grazing;
+pub mod grazing_line;
 pub mod hard_profile;
 pub mod light_shadow;
 pub mod light_walk;
 pub mod medium_edge;
 pub mod outline;
+pub mod per_vertex;
 pub mod pixel_edge;
 pub mod rims;
 pub mod sheet;
 pub mod sheet_samples;
 pub mod surface_edge;
+pub mod wedge;
 
 use crate::error::{Error, Result};
 use crate::math::Rgb;
@@ -252,6 +255,16 @@ impl Context<'_> {
     }
 }
 
+/// How `surface_edge` and `medium_edge` are estimated. Both forms have the same mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum EdgeForm {
+    /// From the edge outward, [T] (24), 2.2.
+    #[default]
+    Outward,
+    /// From the vertices of camera paths: a validation mode ([`per_vertex`]).
+    PerVertex,
+}
+
 /// A boundary term.
 pub trait Room: Send + Sync {
     /// As in `--terms`, EXR layers and reports.
@@ -259,6 +272,11 @@ pub trait Room: Send + Sync {
 
     /// All crossings of the camera ray through `film` with the room's sheets.
     fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample));
+
+    /// Whether anything is drawn outward.
+    fn has_outward(&self) -> bool {
+        true
+    }
 
     /// One sample from the sheet outward.
     /// One sample from the sheet outward. `lead`: the numbers that it begins with.
@@ -280,6 +298,7 @@ pub fn rooms(
     sensor: &Sensor,
     margin: f64,
     motion: &Motion,
+    form: EdgeForm,
     wanted: impl Fn(&str) -> bool,
 ) -> Vec<Box<dyn Room>> {
     let mut v: Vec<Box<dyn Room>> = Vec::new();
@@ -294,11 +313,18 @@ pub fn rooms(
     }
     let from_edges = wanted(surface_edge::NAME) || wanted(medium_edge::NAME);
     let edges = from_edges.then(|| grazing::Edges::new(scene, motion)).flatten().map(Arc::new);
-    if wanted(surface_edge::NAME) {
-        v.extend(surface_edge::SurfaceEdge::prepare(scene, sensor, &edges).map(|r| Box::new(r) as Box<dyn Room>));
+    let Some(edges) = edges else { return v };
+    if wanted(surface_edge::NAME) && surface_edge::is_needed(scene) {
+        v.push(match form {
+            EdgeForm::Outward => Box::new(surface_edge::SurfaceEdge::new(scene, sensor, &edges)),
+            EdgeForm::PerVertex => Box::new(per_vertex::PerVertex::surfaces(&edges)),
+        });
     }
-    if wanted(medium_edge::NAME) {
-        v.extend(medium_edge::MediumEdge::prepare(scene, sensor, &edges).map(|r| Box::new(r) as Box<dyn Room>));
+    if wanted(medium_edge::NAME) && medium_edge::is_needed(scene) {
+        v.push(match form {
+            EdgeForm::Outward => Box::new(medium_edge::MediumEdge::new(scene, sensor, &edges)),
+            EdgeForm::PerVertex => Box::new(per_vertex::PerVertex::media(&edges)),
+        });
     }
     v
 }

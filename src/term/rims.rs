@@ -6,7 +6,7 @@ use crate::math::DVec3;
 use crate::scene::Scene;
 use crate::shape::Shape;
 use crate::shape::edges::{Edge, Side};
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Circles of different shapes within this share of the scene's radius, and of a right angle, are one.
 const WELD: f64 = 1e-9;
@@ -40,6 +40,20 @@ impl Rim {
         let (e, along) = (self.c + self.x * q + self.y * s, self.y * q - self.x * s);
         let sides = self.sides.iter().map(|k| Side { face: 0, corner: e + self.inward(k, e) }).collect();
         Edge { a: e, b: e + along, sides }
+    }
+
+    /// A fraction of a turn by the number u, by 1/d² from p where the rim is a circle, and its density per radian. With `d² = z² + R² + l² - 2 R l cos Δ` (z: height of
+    /// p over the rim's plane, l its distance from the axis, Δ the angle from p) that is `k / (π (1 + k² - (1 - k²) cos Δ))`, `k² = (z² + (R-l)²) / (z² + (R+l)²)`.
+    pub fn turn_seen_from(&self, p: DVec3, u: f64) -> (f64, f64) {
+        let (lx, ly) = (self.x.length(), self.y.length());
+        let v = p - self.c;
+        let (a, b) = (v.dot(self.x) / lx, v.dot(self.y) / ly);
+        let (r, l) = ((lx * ly).sqrt(), a.hypot(b));
+        let z2 = (v.length_squared() - l * l).max(0.0);
+        let k = ((z2 + (r - l) * (r - l)) / (z2 + (r + l) * (r + l))).sqrt();
+        let delta = 2.0 * (k * (PI * (u - 0.5)).tan()).atan();
+        let density = k / (PI * (1.0 + k * k - (1.0 - k * k) * delta.cos()));
+        ((b.atan2(a) + delta) / TAU, density)
     }
 
     /// Faces (shape, face) at a point of it: those on the side that n points to, and the others.

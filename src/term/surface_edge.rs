@@ -7,7 +7,7 @@ use super::sheet::Reach;
 use super::{Context, Room, Sample};
 use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
-use crate::scene::{Instance, Scene};
+use crate::scene::Scene;
 use crate::sensor::Sensor;
 use crate::surface::Surface;
 use std::sync::Arc;
@@ -20,14 +20,17 @@ pub struct SurfaceEdge {
 }
 
 impl SurfaceEdge {
-    pub fn prepare(scene: &Scene, sensor: &Sensor, edges: &Option<Arc<Edges>>) -> Option<SurfaceEdge> {
-        let reflects = |s: &Instance| match &scene.surfaces[s.surface as usize] {
-            Surface::Diffuse { reflectance, .. } => !reflectance.is_zero(),
-            Surface::Null => false,
-        };
-        let edges = scene.shapes.iter().any(reflects).then(|| edges.clone())??;
-        Some(SurfaceEdge { edges, reach: Reach::new(scene, sensor) })
+    pub fn new(scene: &Scene, sensor: &Sensor, edges: &Arc<Edges>) -> SurfaceEdge {
+        SurfaceEdge { edges: edges.clone(), reach: Reach::new(scene, sensor) }
     }
+}
+
+/// Whether any surface reflects.
+pub fn is_needed(scene: &Scene) -> bool {
+    scene.shapes.iter().any(|s| match &scene.surfaces[s.surface as usize] {
+        Surface::Diffuse { reflectance, .. } => !reflectance.is_zero(),
+        Surface::Null => false,
+    })
 }
 
 impl Room for SurfaceEdge {

@@ -149,7 +149,7 @@ fn side_estimates<R: Recorder>(
     if before.is_zero() {
         return;
     }
-    if w.scene.has_local_lights() {
+    if R::CONNECTS && w.scene.has_local_lights() {
         w.rec.push(Event::Chain);
         let first = w.rec.side_len();
         if R::ON {

@@ -146,6 +146,8 @@ pub enum Event {
 /// What the walk writes to. `ON = false` compiles every write away.
 pub trait Recorder {
     const ON: bool;
+    /// Whether vertices are connected to lights. `false` leaves the path alone, with other random numbers.
+    const CONNECTS: bool = true;
     fn push(&mut self, e: Event);
     fn side_span(&mut self, s: MediumSpan);
     /// Number of side spans so far, to name a range of them.

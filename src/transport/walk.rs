@@ -205,7 +205,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return self.arrive(s, hit);
         };
         let medium = &scene.media[id as usize];
-        let connects = scene.has_local_lights() && self.may_scatter(s.depth + 1);
+        let connects = R::CONNECTS && scene.has_local_lights() && self.may_scatter(s.depth + 1);
         if !medium.is_homogeneous() || connects {
             // The whole span is needed: for the grid's traversal, or for the equi-angular connection.
             let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
@@ -353,7 +353,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
         if R::ON {
             self.rec.push(Event::Scatter { medium: id, p: s.o, w: s.w, span: s.flight.span });
         }
-        connect::from_medium(self, s, id);
+        if R::CONNECTS {
+            connect::from_medium(self, s, id);
+        }
         s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);
         self.turn(s, id);
     }
@@ -361,7 +363,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
     /// Everything at a collision but its own connection to a light.
     pub(super) fn turn(&mut self, s: &mut State, id: u32) {
         let medium: &Medium = &self.scene.media[id as usize];
-        light_centred::connect(self, s, &light_centred::Vertex::Medium(id));
+        if R::CONNECTS {
+            light_centred::connect(self, s, &light_centred::Vertex::Medium(id));
+        }
         beside::score(self, s, &light_centred::Vertex::Medium(id));
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let (w, m) = medium.phase.sample(s.w, u, v);
@@ -429,9 +433,11 @@ impl<'a, R: Recorder> Walker<'a, R> {
             s.stage = Stage::Done;
             return;
         }
-        connect::from_surface(self, s, surface, hit.ns, wi);
         let vertex = light_centred::Vertex::Surface(surface, hit.ns, wi);
-        light_centred::connect(self, s, &vertex);
+        if R::CONNECTS {
+            connect::from_surface(self, s, surface, hit.ns, wi);
+            light_centred::connect(self, s, &vertex);
+        }
         beside::score(self, s, &vertex);
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let uniform = self.scene.uniform_share;

@@ -12,6 +12,7 @@ use tyndall::render::plan::{Plan, Terms};
 use tyndall::scene::Scene;
 use tyndall::scene::SceneDesc;
 use tyndall::scene::compile::{LoadOptions, Orders};
+use tyndall::term::EdgeForm;
 
 /// A scene from text, relative to the project's folder.
 pub fn scene(text: &str) -> (SceneDesc, Scene) {
@@ -68,6 +69,7 @@ pub fn job<'a>(scene: &'a Scene, spp: u64, seed: u64, mode: Mode<'a>) -> Job<'a>
         seed,
         mode,
         terms: Terms::ALL,
+        edges: EdgeForm::Outward,
         split: false,
         max_time: None,
         target_error: None,

@@ -21,6 +21,7 @@ mod motion_fields;
 mod moving_media;
 mod moving_media_differences;
 mod moving_surfaces;
+mod per_vertex;
 mod plan;
 mod rooms;
 mod scenes;

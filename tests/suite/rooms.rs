@@ -8,7 +8,7 @@ use tyndall::render::driver::{Job, Mode, Outcome};
 use tyndall::render::plan::Terms;
 use tyndall::scene::Scene;
 use tyndall::scene::desc::SceneDesc;
-use tyndall::term::{Motion, ROOMS, rooms};
+use tyndall::term::{EdgeForm, Motion, ROOMS, rooms};
 
 /// Fog over a floor, a ball, a knot of two triangles; a point light that moves, and a spot with a hard edge that turns.
 const ROOM: &str = r#"<scene version="3.0.0">
@@ -198,7 +198,7 @@ fn what_stands_still_prepares_nothing() {
     let names = |text: &str, wrt: &[&str]| -> Vec<&'static str> {
         let (desc, sc) = scene(text);
         let motion = Motion::new(&sc, &sc.sensors[0], &params(&desc, &sc, wrt)).unwrap();
-        rooms(&sc, &sc.sensors[0], 0.5, &motion, |_| true).iter().map(|r| r.name()).collect()
+        rooms(&sc, &sc.sensors[0], 0.5, &motion, EdgeForm::Outward, |_| true).iter().map(|r| r.name()).collect()
     };
     assert!(names(ROOM, &["sigma"]).is_empty());
     assert_eq!(names(ROOM, &["x"]), ["light_shadow"]);

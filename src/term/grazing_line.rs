@@ -1,0 +1,277 @@
+//! Lines that graze an edge, a sphere, a wall or a rim, with the densities of drawing them: from the curve outward ([T] 2.2), toward a lamp, and from a point
+//! that looks at its outline.
+//!
+//! A smooth surface has the grazing lines `dA dθ |κ(θ)|` (B on it, θ the line's turn in the tangent plane, κ(θ) the normal curvature along the line) in place of
+//! `dl dω sin α`: what the edges of finer and finer polyhedra tend to. That is `1/R` of a sphere. Of a cylinder it is `cos²θ/R`, θ counted from the circle: an edge of the
+//! prism that replaces it has `dl sin²α dα dφ` (α the angle with the edge), where φ takes up the angle ds/R between neighbouring faces, and `sin α = |cos θ|`.
+//!
+//! From a point S at the distance d of B the outline is a curve for all of them, and `dl dω sin α ds = dl sin α / d² dV` ([T] 2, with `dω ds = dV/d²`); on a
+//! surface `dω = dA |cos| / d²`.
+
+use super::rims::Rim;
+use super::wedge::{frame_of, wedge};
+use crate::light::LightKind;
+use crate::math::equiangular::EquiAngular;
+use crate::math::{DVec2, DVec3, warp};
+use crate::scene::{Hit, Scene};
+use crate::shape::edges::Edge;
+use crate::shape::{Cylinder, Geometry};
+use std::f64::consts::{PI, TAU};
+
+/// What lines graze.
+#[derive(Clone, Debug)]
+pub enum Curve {
+    Edge(Edge),
+    Sphere {
+        c: DVec3,
+        r: f64,
+    },
+    /// The wall, from outside.
+    Cylinder(Cylinder),
+    Rim(Rim),
+}
+
+/// A line that grazes a curve.
+pub struct Line {
+    pub b: DVec3,
+    /// Unit, from S to D.
+    pub w: DVec3,
+    /// Toward the unblocked side.
+    pub n: DVec3,
+    /// `sin α`, or `|κ|`; of a line drawn from S `sin α / d²`.
+    pub measure: f64,
+    /// Density of B along the edge; 0 of a smooth surface.
+    pub per_length: f64,
+    /// Densities of both techniques, per `dl dω` (or `dA dθ`): from the edge, and toward the lamp that is met. Of a line drawn from S the density per `dl`.
+    pub own: f64,
+    pub lamp: f64,
+    /// Drawn toward this lamp, at this distance.
+    pub target: Option<(u32, f64)>,
+    /// Drawn from S: no other technique makes it.
+    pub from_vertex: bool,
+}
+
+impl Line {
+    /// Drawn from the curve alone.
+    fn own(b: DVec3, w: DVec3, n: DVec3, measure: f64, own: f64) -> Line {
+        Line { b, w, n, measure, per_length: 0.0, own, lamp: 0.0, target: None, from_vertex: false }
+    }
+
+    /// Past B as S sees it along w (unit) from the distance d, on an outline that runs along t (unit) through B.
+    fn from_vertex(b: DVec3, w: DVec3, d: f64, n: DVec3, t: DVec3, per_length: f64) -> Line {
+        let measure = w.cross(t).length() / (d * d);
+        Line { from_vertex: true, ..Line::own(b, w, n, measure, per_length) }
+    }
+}
+
+impl Curve {
+    /// Draw a line, toward the lamp or from the curve alone. The densities do not hold the probability of either.
+    pub fn draw(&self, scene: &Scene, lamp: Option<u32>, [t, u, v]: [f64; 3]) -> Option<Line> {
+        match self {
+            Curve::Edge(e) => {
+                let length = (e.b - e.a).length();
+                let b = e.a + (e.b - e.a) * t;
+                past_edge(scene, e, b, length.recip(), lamp, u, v)
+            }
+            Curve::Rim(rim) => {
+                let edge = rim.edge(t);
+                let per_length = 1.0 / (TAU * (edge.b - edge.a).length());
+                past_edge(scene, &edge, edge.a, per_length, lamp, u, v)
+            }
+            Curve::Cylinder(q) => match lamp {
+                None => along_wall(q, t, u, v),
+                Some(light) => past_wall(scene, q, light, t, u, v),
+            },
+            Curve::Sphere { c, r } => {
+                let uniform = 1.0 / (4.0 * PI * r * r * TAU);
+                match lamp {
+                    None => {
+                        let n = warp::sphere(u, v);
+                        let (x, y) = warp::frame(n);
+                        let (s, q) = (TAU * t).sin_cos();
+                        Some(Line::own(*c + n * *r, x * q + y * s, n, 1.0 / r, uniform))
+                    }
+                    Some(light) => {
+                        let LightKind::Area { shape } = scene.lights[light as usize].kind else { return None };
+                        let z = scene.shapes[shape as usize].shape.sample(u, v);
+                        let o = outline(*c, *r, z.p, t)?;
+                        let lamp = sphere_density(*r, o.sin, o.distance, z.n.dot(o.w), z.pdf_area)?;
+                        let target = Some((light, o.distance));
+                        Some(Line { lamp, target, ..Line::own(*c + o.n * *r, -o.w, o.n, 1.0 / r, uniform) })
+                    }
+                }
+            }
+        }
+    }
+
+    /// The line from `p` past a point of the outline that `p` sees, by the number `u`: of an edge, a rim or a wall's two lines of contact by `1/d²`, which keeps points near by
+    /// from being loud; of a sphere uniform on its circle. `None` where an edge is no silhouette. Knows nothing of what stands in between.
+    pub fn from_vertex(&self, p: DVec3, u: f64) -> Option<Line> {
+        let toward = |b: DVec3| {
+            let d = (b - p).length();
+            ((b - p) / d, d)
+        };
+        let past = |edge: &Edge, b: DVec3, per_length: f64| {
+            let t = (edge.b - edge.a).normalize();
+            let (w, d) = toward(b);
+            Some(Line::from_vertex(b, w, d, unblocked(edge, t.cross(w))?, t, per_length))
+        };
+        match self {
+            Curve::Edge(e) => {
+                let (b, per_length) = seen_on(e.a, e.b, p, u)?;
+                past(e, b, per_length)
+            }
+            Curve::Rim(rim) => {
+                let (turn, density) = rim.turn_seen_from(p, u);
+                let edge = rim.edge(turn);
+                past(&edge, edge.a, density / (edge.b - edge.a).length())
+            }
+            Curve::Cylinder(q) => {
+                let normals = q.contacts_from(p)?;
+                let (n, u) = if u < 0.5 { (normals[0], 2.0 * u) } else { (normals[1], 2.0 * u - 1.0) };
+                let [from, to] = q.line(n);
+                let (b, per_length) = seen_on(from, to, p, u)?;
+                let (w, d) = toward(b);
+                Some(Line::from_vertex(b, w, d, n, q.axis, 0.5 * per_length))
+            }
+            Curve::Sphere { c, r } => {
+                let o = outline(*c, *r, p, u)?;
+                // A circle of the radius d sin β, across the line.
+                let per_length = 1.0 / (TAU * o.distance * o.sin);
+                Some(Line::from_vertex(*c + o.n * *r, o.w, o.distance, o.n, o.n.cross(o.w), per_length))
+            }
+        }
+    }
+
+    /// Density with which the point of a lamp that a line met would have been drawn.
+    pub fn toward(&self, scene: &Scene, line: &Line, hit: Option<&Hit>) -> (u32, f64) {
+        let Some(h) = hit else {
+            let Some(id) = scene.environment else { return (0, 0.0) };
+            let pdf = scene.lights[id as usize].escape(line.w).map_or(0.0, |e| e.1);
+            return (id, pdf * line.per_length);
+        };
+        let shape = &scene.shapes[h.shape as usize];
+        let Some(light) = shape.light else { return (0, 0.0) };
+        let density = match self {
+            Curve::Sphere { c, r } => {
+                let (d, distance) = ((*c - h.p).length(), (line.b - h.p).length());
+                sphere_density(*r, r / d, distance, -h.n.dot(line.w), 1.0 / shape.shape.area()).unwrap_or(0.0)
+            }
+            Curve::Cylinder(q) => {
+                let (distance, cos) = ((line.b - h.p).length(), -h.n.dot(line.w));
+                let sin = line.w.cross(q.axis).length();
+                wall_to_lamp(q, sin, distance, cos, 1.0 / shape.shape.area()).unwrap_or(0.0)
+            }
+            _ => scene.area_pdf(light, line.b, line.w, h) * line.per_length,
+        };
+        (light, density)
+    }
+}
+
+/// Toward the unblocked side of lines in the plane with this normal through an edge; `None` where it parts its faces.
+fn unblocked(edge: &Edge, normal: DVec3) -> Option<DVec3> {
+    let sin = normal.length();
+    let side = edge.covered_side(normal);
+    (side != 0.0 && sin > 0.0).then(|| normal * (-side / sin))
+}
+
+/// A point of the segment from a to b by the angle that it subtends at p, and its density per length; `None` where p lies on its line.
+fn seen_on(a: DVec3, b: DVec3, p: DVec3, u: f64) -> Option<(DVec3, f64)> {
+    let length = (b - a).length();
+    let t = (b - a) / length;
+    let angles = EquiAngular::new(p, a, t, 0.0, length);
+    angles.usable().then(|| {
+        let s = angles.sample(u);
+        (a + t * s, angles.density(s))
+    })
+}
+
+/// A line through the point b of an edge, drawn with `per_length`.
+fn past_edge(scene: &Scene, edge: &Edge, b: DVec3, per_length: f64, lamp: Option<u32>, u: f64, v: f64) -> Option<Line> {
+    let t = (edge.b - edge.a).normalize();
+    let (first, width) = wedge(edge);
+    let own = per_length / (4.0 * width);
+    let (w, lamp, target) = match lamp {
+        Some(light) => {
+            let a = scene.arrival(light, b, u, v)?;
+            (a.w, a.pdf * per_length, Some((light, a.distance)))
+        }
+        None => {
+            // Uniform in the angles around the edge that graze it, both ways, and in the cosine with it.
+            let z = 2.0 * u - 1.0;
+            let (half, v) = if v < 0.5 { (0.0, 2.0 * v) } else { (PI, 2.0 * v - 1.0) };
+            let (x, y) = frame_of(edge, t);
+            let (s, c) = (first + width * v + half).sin_cos();
+            ((x * c + y * s) * (1.0 - z * z).max(0.0).sqrt() + t * z, 0.0, None)
+        }
+    };
+    let normal = t.cross(w);
+    let n = unblocked(edge, normal)?;
+    Some(Line { per_length, lamp, target, ..Line::own(b, w, n, normal.length(), own) })
+}
+
+/// A point of the circle in which a sphere ends as seen from a point.
+struct Outline {
+    /// Unit, from the point.
+    w: DVec3,
+    /// Unit, away from the centre.
+    n: DVec3,
+    distance: f64,
+    /// Of β, half the angle that the sphere fills.
+    sin: f64,
+}
+
+/// At the fraction t of a turn; `None` from within.
+fn outline(c: DVec3, r: f64, p: DVec3, t: f64) -> Option<Outline> {
+    let axis = c - p;
+    let d = axis.length();
+    if d <= r {
+        return None;
+    }
+    let (sin, cos) = (r / d, ((d - r) * (d + r)).sqrt() / d);
+    let (x, y) = warp::frame(axis / d);
+    let (s, q) = (TAU * t).sin_cos();
+    let m = x * q + y * s;
+    Some(Outline { w: axis / d * cos + m * sin, n: m * cos - axis / d * sin, distance: d * cos, sin })
+}
+
+/// Lines toward a lamp's points: `dA dθ/R = dA_z cos_z sin β dψ/d` (β: half the angle that the sphere fills from z, ψ around it).
+fn sphere_density(r: f64, sin: f64, distance: f64, cos: f64, per_area: f64) -> Option<f64> {
+    (cos > 0.0).then(|| per_area / TAU * distance / (r * cos * sin))
+}
+
+/// A line that touches a wall: its point by area, uniform in the cosine with the axis, both ways, as edges have it.
+fn along_wall(q: &Cylinder, t: f64, u: f64, v: f64) -> Option<Line> {
+    let b = q.position(0, DVec2::new(u, v));
+    let n = q.from_axis(b).normalize();
+    let (z, back) = if t < 0.5 { (4.0 * t - 1.0, 1.0) } else { (4.0 * t - 3.0, -1.0) };
+    let sin = (1.0 - z * z).max(0.0).sqrt();
+    let w = q.axis.cross(n) * (back * sin) + q.axis * z;
+    (sin > 0.0).then_some(Line::own(b, w, n, sin * sin / q.radius, wall_density(q, sin)))
+}
+
+/// One toward a point of a lamp.
+fn past_wall(scene: &Scene, q: &Cylinder, light: u32, t: f64, u: f64, v: f64) -> Option<Line> {
+    let LightKind::Area { shape } = scene.lights[light as usize].kind else { return None };
+    let z = scene.shapes[shape as usize].shape.sample(u, v);
+    let normals = q.contacts_from(z.p)?;
+    let (n, t) = if t < 0.5 { (normals[0], 2.0 * t) } else { (normals[1], 2.0 * t - 1.0) };
+    let [from, to] = q.line(n);
+    let b = from + (to - from) * t;
+    let distance = (z.p - b).length();
+    let w = (z.p - b) / distance;
+    let sin = w.cross(q.axis).length();
+    let lamp = wall_to_lamp(q, sin, distance, -z.n.dot(w), z.pdf_area)?;
+    let target = Some((light, distance));
+    Some(Line { lamp, target, ..Line::own(b, w, n, sin * sin / q.radius, wall_density(q, sin)) })
+}
+
+/// Density `dA dθ` of lines that are uniform in area and in the cosine with the axis.
+fn wall_density(q: &Cylinder, sin: f64) -> f64 {
+    sin / (4.0 * q.area())
+}
+
+/// Of lines toward a lamp's points that touch the wall uniformly along one of its two lines of contact: `dA dθ sin²α/R = dA_z cos_z dl sin α/d²`.
+fn wall_to_lamp(q: &Cylinder, sin: f64, distance: f64, cos: f64, per_area: f64) -> Option<f64> {
+    (cos > 0.0).then(|| 0.5 * per_area / q.length * sin * distance * distance / (q.radius * cos))
+}
