@@ -2,6 +2,7 @@
 
 pub mod discrete;
 pub mod equiangular;
+pub mod fresnel;
 pub mod guide;
 pub mod nearest;
 pub mod real;

@@ -18,6 +18,8 @@ pub enum Quantity {
     G,
     /// Diffuse reflectance, per channel.
     Reflectance,
+    /// Indices of refraction of a dielectric: interior, exterior.
+    Ior,
     /// Radiance, intensity or irradiance of a light, per channel.
     Emission,
     /// Emitted radiance of a medium, per channel (multiplied by sigma_a).
@@ -48,6 +50,7 @@ impl Quantity {
             Quantity::MediumScale => "scale",
             Quantity::G => "g",
             Quantity::Reflectance => "reflectance",
+            Quantity::Ior => "ior",
             Quantity::Emission | Quantity::Glow => "emission",
             Quantity::EnvironmentScale => "scale",
             Quantity::Position => "position",
@@ -62,8 +65,8 @@ impl Quantity {
 
     /// Whether it is a value at fixed points; otherwise something moves.
     pub fn is_value(self) -> bool {
-        use Quantity::{Angles, Deformation, Direction, Lens, Position, Shift, Vertices};
-        !matches!(self, Position | Direction | Angles | Shift | Deformation | Lens | Vertices)
+        use Quantity::{Angles, Deformation, Direction, Ior, Lens, Position, Shift, Vertices};
+        !matches!(self, Ior | Position | Direction | Angles | Shift | Deformation | Lens | Vertices)
     }
 }
 

@@ -4,8 +4,9 @@
 
 use crate::error::{Error, Result};
 use crate::math::Dual;
+use crate::params::Quantity;
 use crate::scene::desc::suggest;
-use crate::scene::parts::{LightKindPart, Movable, Parts, SurfacePart, VolumePart};
+use crate::scene::parts::{LightKindPart, Movable, Parts, ShapeKind, SurfacePart, VolumePart};
 use crate::scene::{SceneDesc, arrays};
 use crate::transport::border;
 use serde::Serialize;
@@ -213,6 +214,8 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(seen && f.zero_measure_light && f.medium, &[G], "vertices ride on camera rays through shadows");
     add(seen && f.zero_measure_light && f.reflecting, &[R], "hits ride on camera rays through shadows");
 
+    let anything = m.opaque || m.camera || m.zero_measure_light || m.area_light || m.profile;
+    add(anything && f.dielectric, &[S], "what moves is seen or lit by way of an interface");
     add(m.ior, &[S], "the refractive index changes");
     add(m.ior && f.medium, &[D], "path segments inside end at the interface");
     add(m.interface, &[S], "an interface moves");
@@ -232,7 +235,6 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(facets && f.medium, &[E2], "the refracted direction jumps at facet edges");
     add(facets && f.reflecting, &[E3], "the refracted direction jumps at facet edges");
     add(m.interface && f.beyond_interface, &[VE], "edges are seen through a moving interface");
-    let anything = m.opaque || m.camera || m.zero_measure_light || m.area_light;
     add(
         anything && f.dielectric && f.occluders && f.beyond_interface,
         &[VE],
@@ -364,18 +366,23 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     let opaque = |s: usize| !matches!(p.surfaces[s], SurfacePart::Null);
     let reflects = |s: usize| match &p.surfaces[s] {
         SurfacePart::Diffuse { reflectance, .. } => reflectance.iter().any(|&x| x > 0.0),
+        SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. } => true,
         SurfacePart::Null => false,
     };
-    let solid: Vec<_> = p.shapes.iter().filter(|s| opaque(s.surface)).collect();
+    let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
+    let through = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. });
+    let flat = |k: &ShapeKind<f64>| !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Cylinder { .. });
     let local = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Point { .. } | LightKindPart::Spot { .. });
     let distant = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Directional { .. });
+    let zero_measure_light = p.lights.iter().any(|l| local(&l.kind) || distant(&l.kind));
+    let solid: Vec<_> = p.shapes.iter().filter(|s| opaque(s.surface)).collect();
     Facts {
         medium: !p.media.is_empty(),
         surfaces: !solid.is_empty(),
         reflecting: solid.iter().any(|s| reflects(s.surface)),
         // A single lamp does not shade itself; anything else may.
         occluders: solid.iter().any(|s| s.light.is_none()) || solid.len() > 1,
-        zero_measure_light: p.lights.iter().any(|l| local(&l.kind) || distant(&l.kind)),
+        zero_measure_light,
         local_light: p.lights.iter().any(|l| local(&l.kind)),
         hard_profile: p.lights.iter().any(|l| match l.kind {
             LightKindPart::Spot { beam, cutoff, .. } => beam >= cutoff,
@@ -383,10 +390,11 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         }),
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
-        dielectric: false,
-        polygonal_dielectric: false,
-        beyond_interface: false,
-        light_across_interface: false,
+        dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
+        polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && flat(&s.kind)),
+        // Whatever there is besides, or behind, may be seen in it.
+        beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && (solid.len() > 1 || !p.media.is_empty()),
+        light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
     }
 }
 
@@ -405,6 +413,7 @@ impl Motion {
                 self.opaque |=
                     p.shapes.iter().filter(|s| !matches!(p.surfaces[s.surface], SurfacePart::Null)).count() > 1;
             }
+            (SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. }, None) => self.interface = true,
             _ => self.opaque = true,
         }
     }
@@ -421,7 +430,8 @@ fn motion_of_mesh(p: &Parts<f64>, i: usize) -> Motion {
 pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
     let slots = d.slots();
     let mut values = slots.iter().filter(|s| s.quantity.is_value()).flat_map(|s| &s.values);
-    let mut m = Motion { values: values.any(|x| x.d[0] != 0.0), ..Motion::default() };
+    let ior = slots.iter().filter(|s| s.quantity == Quantity::Ior).flat_map(|s| &s.values).any(|x| x.d[0] != 0.0);
+    let mut m = Motion { ior, values: values.any(|x| x.d[0] != 0.0), ..Motion::default() };
     for (what, x) in d.movable() {
         if x.iter().all(|x| x.d[0] == 0.0) {
             continue;

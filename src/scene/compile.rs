@@ -65,7 +65,11 @@ impl Scene {
         }
         let mut surfaces = Vec::with_capacity(parts.surfaces.len());
         for (i, s) in parts.surfaces.iter().enumerate() {
-            surfaces.push(surface(s, slot_of(&slots, Owner::Surface(i), Quantity::Reflectance)));
+            let quantity = match s {
+                SurfacePart::Dielectric { .. } => Quantity::Ior,
+                _ => Quantity::Reflectance,
+            };
+            surfaces.push(surface(s, slot_of(&slots, Owner::Surface(i), quantity)));
         }
         let mut lights = Vec::with_capacity(parts.lights.len());
         for (i, l) in parts.lights.iter().enumerate() {
@@ -199,7 +203,7 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
         }
     };
     let boundary = s.interior.is_some() || s.exterior.is_some();
-    let opaque = !matches!(parts.surfaces[s.surface], SurfacePart::Null);
+    let opaque = !matches!(parts.surfaces[s.surface], SurfacePart::Null | SurfacePart::Dielectric { .. });
     if boundary && opaque {
         let default = if s.default_surface { "no <bsdf> (so a diffuse one)" } else { "an opaque <bsdf>" };
         warnings.push(Warning {
@@ -307,6 +311,12 @@ fn volume(v: &VolumePart<f64>, options: &LoadOptions, warnings: &mut Vec<Warning
 fn surface(s: &SurfacePart<f64>, slot: u32) -> Surface {
     match s {
         SurfacePart::Null => Surface::Null,
+        SurfacePart::Dielectric { interior, exterior } => {
+            Surface::Dielectric { interior: *interior, exterior: *exterior, slot }
+        }
+        SurfacePart::Conductor { eta, k, two_sided } => {
+            Surface::Conductor { eta: Rgb(*eta), k: Rgb(*k), two_sided: *two_sided }
+        }
         SurfacePart::Diffuse { reflectance, two_sided } => {
             Surface::Diffuse { reflectance: Rgb(*reflectance), two_sided: *two_sided, slot }
         }

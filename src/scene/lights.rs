@@ -204,7 +204,7 @@ impl Scene {
     pub fn reflects(&self, hit: &Hit) -> bool {
         match &self.surfaces[self.shapes[hit.shape as usize].surface as usize] {
             crate::surface::Surface::Diffuse { reflectance, .. } => !reflectance.is_zero(),
-            crate::surface::Surface::Null => true,
+            _ => true,
         }
     }
 }

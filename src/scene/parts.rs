@@ -82,7 +82,20 @@ fn affine_motion<R: Real>(to_world: &Mat4<R>) -> (V3<R>, Vec<R>) {
 }
 
 pub enum SurfacePart<R> {
-    Diffuse { reflectance: [R; 3], two_sided: bool },
+    Diffuse {
+        reflectance: [R; 3],
+        two_sided: bool,
+    },
+    Dielectric {
+        interior: R,
+        exterior: R,
+    },
+    /// Index `eta - i k`; both 0: a mirror.
+    Conductor {
+        eta: [f64; 3],
+        k: [f64; 3],
+        two_sided: bool,
+    },
     Null,
 }
 
@@ -263,8 +276,14 @@ impl<R: Real> Parts<R> {
             }
         }
         for (i, (s, name)) in self.surfaces.iter().zip(&self.surface_names).enumerate() {
-            if let SurfacePart::Diffuse { reflectance, .. } = s {
-                add(Owner::Surface(i), name, Quantity::Reflectance, reflectance.to_vec());
+            match s {
+                SurfacePart::Diffuse { reflectance, .. } => {
+                    add(Owner::Surface(i), name, Quantity::Reflectance, reflectance.to_vec());
+                }
+                SurfacePart::Dielectric { interior, exterior } => {
+                    add(Owner::Surface(i), name, Quantity::Ior, vec![*interior, *exterior]);
+                }
+                SurfacePart::Conductor { .. } | SurfacePart::Null => {}
             }
         }
         for (i, l) in self.lights.iter().enumerate() {

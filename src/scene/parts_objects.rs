@@ -1,6 +1,6 @@
 //! Readers of shapes, surfaces, lights and media: names, defaults and ranges as Mitsuba 3 has them.
 
-use super::desc::Node;
+use super::desc::{Node, suggest};
 use super::parts::{
     LightKindPart, LightPart, MediumPart, Reader, ShapeKind, ShapePart, SurfacePart, VolumePart, label,
 };
@@ -9,11 +9,35 @@ use crate::math::{DVec3, Real, V3};
 use std::path::PathBuf;
 
 const SHAPES: [&str; 7] = ["obj", "ply", "rectangle", "cube", "disk", "sphere", "cylinder"];
-const BSDFS: [&str; 3] = ["diffuse", "null", "twosided"];
+const BSDFS: [&str; 5] = ["diffuse", "dielectric", "conductor", "null", "twosided"];
 const EMITTERS: [&str; 6] = ["area", "point", "spot", "directional", "constant", "envmap"];
 const MEDIA: [&str; 2] = ["homogeneous", "heterogeneous"];
 const VOLUMES: [&str; 3] = ["constvolume", "gridvolume", "openvdb"];
 const PHASES: [&str; 2] = ["isotropic", "hg"];
+
+/// Mitsuba's defaults of a dielectric.
+const BK7: f64 = 1.5046;
+const AIR: f64 = 1.000_277;
+
+/// Indices of refraction by name, at 589 nm (usual tables; the names are Mitsuba's).
+const INDICES: [(&str, f64); 16] = [
+    ("vacuum", 1.0),
+    ("helium", 1.000_036),
+    ("hydrogen", 1.000_132),
+    ("air", AIR),
+    ("carbon dioxide", 1.000_45),
+    ("water", 1.333),
+    ("acetone", 1.36),
+    ("ethanol", 1.361),
+    ("carbon tetrachloride", 1.461),
+    ("glycerol", 1.472_9),
+    ("benzene", 1.501),
+    ("silicone oil", 1.520_45),
+    ("water ice", 1.31),
+    ("fused quartz", 1.458),
+    ("bk7", BK7),
+    ("diamond", 2.419),
+];
 
 /// A check of a value's range with the error at the property.
 fn require(n: &Node, prop: &str, ok: bool, what: String, remedy: &str) -> Result<()> {
@@ -104,6 +128,18 @@ impl<R: Real> Reader<'_, R> {
                 require(n, "reflectance", ok, text, "a reflectance lies between 0 and 1")?;
                 Ok(SurfacePart::Diffuse { reflectance, two_sided })
             }
+            "dielectric" if two_sided => Err(Error::scene(
+                &n.span,
+                "a twosided dielectric makes no sense: both its sides refract",
+                "use the dielectric by itself",
+            )),
+            "dielectric" => {
+                let (interior, exterior) = (self.index(n, "int_ior", BK7)?, self.index(n, "ext_ior", AIR)?);
+                self.clear(n, "specular_reflectance")?;
+                self.clear(n, "specular_transmittance")?;
+                Ok(SurfacePart::Dielectric { interior, exterior })
+            }
+            "conductor" => self.conductor(n, two_sided),
             "null" if two_sided => {
                 Err(Error::scene(&n.span, "a twosided null makes no sense", "use the null bsdf by itself"))
             }
@@ -121,6 +157,57 @@ impl<R: Real> Reader<'_, R> {
             }
             _ => Err(n.unknown_plugin(&BSDFS)),
         }
+    }
+
+    /// An index of refraction: a number, or a material's name.
+    fn index(&self, n: &Node, name: &str, default: f64) -> Result<R> {
+        if n.kind_of(name) == Some("string") {
+            let what = n.string(name, "")?;
+            return match INDICES.iter().find(|i| i.0 == what) {
+                Some(i) => Ok(R::from(i.1)),
+                None => {
+                    let names = INDICES.map(|i| i.0);
+                    Err(n.err(name, format!("`{what}` is no material that is known here"), suggest(&what, names)))
+                }
+            };
+        }
+        let ior: R = n.float(self.env, name, default)?;
+        let value = ior.value();
+        let text = format!("{name} is {value}");
+        require(n, name, value > 0.0 && value.is_finite(), text, "an index of refraction is above 0")?;
+        Ok(ior)
+    }
+
+    /// A factor that is there for artists, and 1.
+    fn clear(&self, n: &Node, name: &str) -> Result<()> {
+        let factor: [R; 3] = n.rgb(self.env, name, 1.0)?;
+        let one = factor.iter().all(|x| x.value() == 1.0);
+        require(n, name, one, format!("{name} is {:?}", factor.map(R::value)), "only 1 is available: leave it out")
+    }
+
+    fn conductor(&self, n: &Node, two_sided: bool) -> Result<SurfacePart<R>> {
+        let material = n.string("material", "none")?;
+        let named = n.has("eta") || n.has("k");
+        if material != "none" {
+            let remedy = "give eta and k as <rgb>, or material none for a mirror";
+            return Err(n.err("material", format!("material `{material}`: no table of metals is available"), remedy));
+        }
+        let (eta, k) = match named {
+            true => (n.rgb(self.env, "eta", 0.0)?, n.rgb(self.env, "k", 0.0)?),
+            false => ([R::zero(); 3], [R::zero(); 3]),
+        };
+        let (eta, k) = (eta.map(R::value), k.map(R::value));
+        let ok = |x: &[f64; 3]| x.iter().all(|&x| x >= 0.0 && x.is_finite());
+        require(
+            n,
+            "eta",
+            ok(&eta) && (!named || eta.iter().all(|&x| x > 0.0)),
+            format!("eta is {eta:?}"),
+            "an index is above 0",
+        )?;
+        require(n, "k", ok(&k), format!("k is {k:?}"), "an absorption is not negative")?;
+        self.clear(n, "specular_reflectance")?;
+        Ok(SurfacePart::Conductor { eta, k, two_sided })
     }
 
     /// `shape`: the index of the shape that an area emitter is nested in.

@@ -53,6 +53,8 @@ pub struct Slab {
     pub tau: f64,
     pub albedo: f64,
     pub g: f64,
+    /// Index of refraction inside; at 1 there is no interface.
+    pub n: f64,
     /// Length of the thickness.
     pub unit: f64,
     /// Moved by this much along every axis.
@@ -65,11 +67,20 @@ pub struct Slab {
 
 impl Slab {
     pub fn new(tau: f64, albedo: f64, g: f64) -> Self {
-        Slab { tau, albedo, g, unit: 1.0, shift: 0.0, radiance: 1.0, distance: 0.005, inside: false }
+        Slab { tau, albedo, g, n: 1.0, unit: 1.0, shift: 0.0, radiance: 1.0, distance: 0.005, inside: false }
     }
 
-    pub const BENIGN: Slab =
-        Slab { tau: 1.0, albedo: 0.9, g: 0.0, unit: 1.0, shift: 0.0, radiance: 1.0, distance: 0.005, inside: false };
+    pub const BENIGN: Slab = Slab {
+        tau: 1.0,
+        albedo: 0.9,
+        g: 0.0,
+        n: 1.0,
+        unit: 1.0,
+        shift: 0.0,
+        radiance: 1.0,
+        distance: 0.005,
+        inside: false,
+    };
 
     /// From the name of a case of `slab_values.csv`, as `slab_t1e5_a1m1e-8_g0.9_n1`.
     fn parse(case: &str) -> Option<Slab> {
@@ -81,7 +92,8 @@ impl Slab {
             None => albedo.parse().ok()?,
         };
         let g = parts.next()?.strip_prefix('g')?.parse().ok()?;
-        Some(Slab::new(tau, albedo, g))
+        let n = parts.next()?.strip_prefix('n')?.parse().ok()?;
+        Some(Slab { n, ..Slab::new(tau, albedo, g) })
     }
 
     pub fn medium(&self) -> String {
@@ -129,15 +141,22 @@ impl Slab {
             ),
             _ => r#"<emitter type="constant"><rgb name="radiance" value="$radiance"/></emitter>"#.into(),
         };
+        let bsdf = match self.n == 1.0 {
+            true => r#"<bsdf type="null"/>"#,
+            false => {
+                r#"<bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf>"#
+            }
+        };
+        let n = if self.n == 1.0 { String::new() } else { format!(r#"<default name="n" value="{:?}"/>"#, self.n) };
         let inside = if self.inside { r#"<ref id="fog"/>"# } else { "" };
         format!(
             r#"<scene version="3.0.0">
             <default name="sigma_t" value="{:e}"/><default name="albedo" value="{:e}"/><default name="g" value="{:e}"/>
-            <default name="radiance" value="{:e}"/>
+            <default name="radiance" value="{:e}"/>{n}
             <integrator type="volpath"><integer name="max_depth" value="-1"/></integrator>
             {medium}
             <shape type="cube"><transform name="to_world"><scale x="{w:e}" y="{w:e}" z="{:e}"/>{}</transform>
-              <bsdf type="null"/><ref name="interior" id="fog"/></shape>
+              {bsdf}<ref name="interior" id="fog"/></shape>
             {extra}
             {emitter}
             <sensor type="orthographic"><transform name="to_world">{camera}</transform>{inside}{}</sensor></scene>"#,

@@ -1,6 +1,7 @@
 //! Surface scattering. Directions point away from the surface; `cos` factors are part of `eval`.
 
-use crate::math::{DVec3, Rgb, warp};
+use crate::math::fresnel::{self, Interface};
+use crate::math::{DVec3, Rgb, V3, warp};
 use crate::params::Slot;
 use std::f64::consts::PI;
 
@@ -8,13 +9,60 @@ use std::f64::consts::PI;
 pub enum Surface {
     /// Lambertian reflectance `rho`; reflects on the front only unless `two_sided`.
     Diffuse { reflectance: Rgb, two_sided: bool, slot: Slot },
+    /// A smooth interface: mirrored and refracted light only. `interior`: index behind the front side, `exterior`: before it.
+    Dielectric { interior: f64, exterior: f64, slot: Slot },
+    /// A smooth metal of index `eta - i k`, seen from a vacuum; mirrors on the front only unless `two_sided`. No absorption at all: a mirror.
+    Conductor { eta: Rgb, k: Rgb, two_sided: bool },
     /// Index-matched: light passes unchanged; separates media.
     Null,
+}
+
+/// Index of refraction of a conductor that mirrors everything, as scenes ask for (`material` none).
+pub const MIRROR: Rgb = Rgb::ZERO;
+
+/// Light that leaves a smooth surface along one ray.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    pub w: DVec3,
+    /// Radiance against `w` over that against the ray that came.
+    pub weight: Rgb,
+    /// Whether it went through.
+    pub through: bool,
 }
 
 impl Surface {
     pub fn is_null(&self) -> bool {
         matches!(self, Surface::Null)
+    }
+
+    /// Whether it has no density of directions.
+    pub fn is_smooth(&self) -> bool {
+        matches!(self, Surface::Dielectric { .. } | Surface::Conductor { .. })
+    }
+
+    /// The mirrored and the refracted ray of one that travels along w, [T] 6.1; weights include F, 1 - F and, as radiance asks, η². `n` is a normal on the front side.
+    pub fn rays(&self, n: DVec3, w: DVec3) -> [Option<Ray>; 2] {
+        let front = n.dot(w) < 0.0;
+        let (side, c) = if front { (n, -n.dot(w)) } else { (-n, n.dot(w)) };
+        let mirrored = |f: Rgb| (!f.is_zero()).then(|| Ray { w: fresnel::reflect(w, n), weight: f, through: false });
+        match self {
+            Surface::Dielectric { interior, exterior, .. } => {
+                let (n1, n2) = if front { (*exterior, *interior) } else { (*interior, *exterior) };
+                let i = Interface::new(c, n1, n2);
+                let f = i.reflectance();
+                let refracted = i.refract(V3::constant(w), V3::constant(side)).map(|t| Ray {
+                    w: t.value().normalize(),
+                    weight: Rgb::splat((1.0 - f) * i.eta * i.eta),
+                    through: true,
+                });
+                [mirrored(Rgb::splat(f)), refracted]
+            }
+            Surface::Conductor { eta, k, two_sided } if front || *two_sided => {
+                let mirror = *eta == MIRROR && *k == Rgb::ZERO;
+                [mirrored(if mirror { Rgb::ONE } else { fresnel::conductor(c, *eta, *k) }), None]
+            }
+            _ => [None, None],
+        }
     }
 
     /// `f_s(wi, wo) |cos wo| / rho`: the value with the reflectance taken out; per unit solid angle of `wo`.
@@ -25,14 +73,15 @@ impl Surface {
                 let (ci, co) = (n.dot(wi), n.dot(wo));
                 if ci * co > 0.0 && (*two_sided || ci > 0.0) { co.abs() / PI } else { 0.0 }
             }
-            Surface::Null => 0.0,
+            _ => 0.0,
         }
     }
 
     /// Whether light that arrives from `wi` is reflected at all (with some reflectance).
     pub fn reflects(&self, n: DVec3, wi: DVec3) -> bool {
         match self {
-            Surface::Diffuse { two_sided, .. } => *two_sided || n.dot(wi) > 0.0,
+            Surface::Diffuse { two_sided, .. } | Surface::Conductor { two_sided, .. } => *two_sided || n.dot(wi) > 0.0,
+            Surface::Dielectric { .. } => true,
             Surface::Null => false,
         }
     }

@@ -125,7 +125,7 @@ impl Vertex {
         match &self.point {
             Point::Surface(h) => match &scene.surfaces[scene.shapes[h.shape as usize].surface as usize] {
                 surface @ Surface::Diffuse { reflectance, .. } => *reflectance * surface.eval_unit(h.ns, -self.w, d),
-                Surface::Null => Rgb::ZERO,
+                _ => Rgb::ZERO,
             },
             _ => {
                 let phase = self.medium.map(|id| scene.media[id as usize].phase.eval(one_minus_cos(self.w, d)));

@@ -14,7 +14,7 @@ use crate::math::Rgb;
 use crate::medium::Volume;
 use crate::scene::{Hit, On, Scene};
 
-/// Start a camera path: score the extra connections and candidates of the line, return the state to walk on from
+/// Start a camera path, or go on with its line behind an interface: score the extra connections and candidates of the line, return the state to walk on from
 /// (with the unscattered part pending where both are followed).
 pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     let scene = w.scene;
@@ -52,7 +52,8 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     let Line { parts: pieces, total, .. } = &line;
     let total = *total;
     if pieces.is_empty() {
-        return unscattered(s, end, Rgb::ONE);
+        let beta = s.beta;
+        return unscattered(s, end, beta);
     }
     let prefix = s.beta;
     let transmitted = total.map(|t| (-t).exp());
@@ -62,10 +63,12 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     if R::ON {
         for p in pieces {
             let at = |depth: Rgb| prefix * depth.map(|t| (-t).exp());
-            w.rec.push(Event::Ends { span: p.span, start: at(p.before), end: at(p.before + p.depth) });
+            let (start, end) = (at(p.before), at(p.before + p.depth));
+            w.rec.push(Event::Ends { span: p.span, start, end, depth: s.depth });
         }
     }
-    let scatters = w.may_scatter(1);
+    let scatters = w.may_scatter(s.depth + 1);
+    let waiting = s.pending.take();
     let share = scatter_probability(w, pieces, &end, transmitted, scatters);
     if scatters {
         for k in 0..pieces.len() {
@@ -84,14 +87,17 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
         }
     }
     if scattered {
-        w.rec.push(Event::Chain);
+        chain(w, &s);
         let p = if both { 1.0 } else { share.scatter };
         let mut c = force_collision(w, s, &line, p);
-        c.pending = record_passing(w, passing, pieces, true).map(Box::new);
+        c.pending = match record_passing(w, passing, pieces, true) {
+            Some(passing) => Some(Box::new(State { pending: waiting, ..passing })),
+            None => waiting,
+        };
         return c;
     }
     let idle = State { stage: Stage::Done, ..s };
-    record_passing(w, passing, pieces, false).unwrap_or(idle)
+    State { pending: waiting, ..record_passing(w, passing, pieces, false).unwrap_or(idle) }
 }
 
 #[derive(Clone, Copy)]
@@ -130,9 +136,9 @@ fn glow<R: Recorder>(w: &mut Walker<R>, s: &mut State, pieces: &[Part], prefix: 
     }
     let before = piece.before.map(|t| (-t).exp());
     let Some((t, weight)) = tracking::transmittance_point(m, &piece.span, piece.depth, &mut s.rng) else { return };
-    w.rec.push(Event::Chain);
+    chain(w, s);
     let lead: Vec<MediumSpan> = if R::ON { lead.iter().map(|q| q.span).collect() } else { Vec::new() };
-    w.glow(&lead, piece.span, t, prefix * before * weight, 0);
+    w.glow(&lead, piece.span, t, prefix * before * weight, s.depth);
 }
 
 /// The equi-angular connection and the candidate of a derivative vertex on the last of `pieces`.
@@ -150,13 +156,13 @@ fn side_estimates<R: Recorder>(
         return;
     }
     if R::CONNECTS && w.scene.has_local_lights() {
-        w.rec.push(Event::Chain);
+        chain(w, s);
         let first = w.rec.side_len();
         if R::ON {
             lead.iter().for_each(|q| w.rec.side_span(q.span));
         }
         let density = |scene: &Scene, t: f64| piece.forced_density(scene, total, t).mean() * share.scatter;
-        connect::equiangular(w, s, piece.span, prefix * before, 0, first, density, None);
+        connect::equiangular(w, s, piece.span, prefix * before, s.depth, first, density, None);
     }
     if let Some(rng) = w.rec.candidate_rng() {
         let m = &w.scene.media[piece.span.medium as usize];
@@ -165,7 +171,8 @@ fn side_estimates<R: Recorder>(
             let weight = prefix * before * weight;
             let density = piece.forced_density(w.scene, total, t).mean() * share.scatter;
             let flight = Flight { span: Some(piece.span), density, reach: None };
-            w.rec.push(Event::Candidate { medium: piece.span.medium, p, w: piece.span.w, weight, flight });
+            let (medium, depth) = (piece.span.medium, s.depth);
+            w.rec.push(Event::Candidate { medium, p, w: piece.span.w, weight, flight, depth });
         } else if piece.span.t1 == f64::INFINITY {
             w.rec.unbounded(piece.span.medium);
         }
@@ -180,7 +187,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
     let piece = &pieces[k];
     let m = &scene.media[piece.span.medium as usize];
     let point = piece.span.o + piece.span.w * t;
-    let gray = !line.chromatic;
+    let (gray, before) = (!line.chromatic, s.beta.max());
     // Only competing connections and chromatic weights ask for it.
     let density = if gray && !scene.weighs_flights() { Rgb::ZERO } else { piece.forced_density(scene, total, t) };
     if gray {
@@ -196,7 +203,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
         s.r = Rgb::from_fn(|c| s.r[c] * density[c] / d);
     }
     s.hero = hero;
-    s.start = total.map(|t| -(-t).exp_m1()).max() / p;
+    s.start = before * total.map(|t| -(-t).exp_m1()).max() / p;
     s.flight = Flight { span: Some(piece.span), density: density.mean() * p, reach: None };
     if R::ON {
         for q in &pieces[..k] {
@@ -209,6 +216,14 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
     s.on = On::default();
     s.stage = Stage::Medium;
     s
+}
+
+/// A new chain begins, with what the camera line has crossed so far.
+pub(super) fn chain<R: Recorder>(w: &mut Walker<R>, s: &State) {
+    w.rec.push(Event::Chain);
+    for &span in s.lead.iter().flat_map(|l| l.iter()) {
+        w.rec.push(Event::Span { span, prefix: None });
+    }
 }
 
 /// The state behind the line with nothing scattered on it.
@@ -231,12 +246,10 @@ fn record_passing<R: Recorder>(
 ) -> Option<State> {
     let mut s = passing?;
     if R::ON {
-        let spans: Vec<MediumSpan> = pieces.iter().map(|p| p.span).collect();
-        if pending {
-            s.line = Some(spans.into());
-        } else {
-            w.rec.push(Event::Chain);
-            spans.into_iter().for_each(|span| w.rec.push(Event::Span { span, prefix: None }));
+        let before = s.lead.iter().flat_map(|l| l.iter().copied());
+        s.lead = Some(before.chain(pieces.iter().map(|p| p.span)).collect());
+        if !pending {
+            chain(w, &s);
         }
     }
     Some(s)

@@ -14,6 +14,7 @@ pub mod line;
 pub mod motion;
 pub mod piece;
 pub mod record;
+pub mod specular;
 pub mod sweep;
 pub mod tracking;
 pub mod transmit;

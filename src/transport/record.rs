@@ -113,9 +113,9 @@ pub enum Event {
     /// A walked piece; `prefix` where its points are candidates.
     Span { span: MediumSpan, prefix: Option<Prefix> },
     /// A point drawn on the camera line with known weight: a candidate.
-    Candidate { medium: u32, p: DVec3, w: DVec3, weight: Rgb, flight: Flight },
+    Candidate { medium: u32, p: DVec3, w: DVec3, weight: Rgb, flight: Flight, depth: u32 },
     /// A piece of the camera line, the weights of its start and of its end: candidates where they lie on borders that move.
-    Ends { span: MediumSpan, start: Rgb, end: Rgb },
+    Ends { span: MediumSpan, start: Rgb, end: Rgb, depth: u32 },
     /// A collision after travelling along w, on this span where it is known: factor sigma_s of everything after it.
     Scatter { medium: u32, p: DVec3, w: DVec3, span: Option<MediumSpan> },
     /// The phase function of the continuation.

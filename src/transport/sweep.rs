@@ -142,15 +142,17 @@ impl Candidates {
         }
         for e in events {
             match *e {
-                Event::Candidate { medium, p, w, weight, flight } => self.medium(medium, p, w, weight, 0, flight),
+                Event::Candidate { medium, p, w, weight, flight, depth } => {
+                    self.medium(medium, p, w, weight, depth, flight);
+                }
                 Event::Span { span, prefix: Some(prefix) } => {
                     self.span(&span, &prefix);
                     self.borders(scene, &span, &prefix);
                 }
-                Event::Ends { span, start, end } => {
+                Event::Ends { span, start, end, depth } => {
                     let places = self.facts.borders.ends(scene, &span);
                     for (place, weight) in places.into_iter().zip([start, end]) {
-                        self.border(scene, place, weight, 0);
+                        self.border(scene, place, weight, depth);
                     }
                 }
                 Event::Scatter { medium, p, .. } => {
@@ -319,7 +321,7 @@ impl Sweep<'_> {
         match e {
             Event::Chain => after = Rgb::ZERO,
             Event::Candidate { .. } => {}
-            Event::Ends { span, start, end } => self.glow_at_ends(span, [*start, *end], 0, sink),
+            Event::Ends { span, start, end, depth } => self.glow_at_ends(span, [*start, *end], *depth, sink),
             Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
             Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
             Event::Span { span, prefix } => {

@@ -10,7 +10,7 @@
 
 use super::record::{Drawn, End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
-use super::{beside, connect, light_centred};
+use super::{beside, camera_line, connect, light_centred, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
@@ -23,6 +23,8 @@ use std::sync::Arc;
 pub enum Stage {
     /// Fly from `o` along `w`.
     Fly,
+    /// The same on a camera line that interfaces have turned: [`super::camera_line`].
+    Line,
     /// A collision at `o` after travelling along `w`.
     Medium,
     /// On a surface after travelling along `w`.
@@ -66,8 +68,12 @@ pub struct State {
     pub unit_reflectance: bool,
     /// The second chain: the unscattered part of the camera line.
     pub pending: Option<Box<State>>,
-    /// Spans that a pending chain crossed, for its record.
-    pub line: Option<Arc<[MediumSpan]>>,
+    /// Spans of the camera line up to here, for the records of all chains that begin with them.
+    pub lead: Option<Arc<[MediumSpan]>>,
+    /// Nothing but smooth interfaces has turned it since the camera.
+    pub direct: bool,
+    /// Of these the last ones.
+    pub in_a_row: u32,
     pub rng: Rng,
     /// A stream beside the path's own, for what only derivatives ask for.
     pub aside: Rng,
@@ -111,7 +117,9 @@ impl State {
             flight: Flight::default(),
             unit_reflectance: false,
             pending: None,
-            line: None,
+            lead: None,
+            direct: true,
+            in_a_row: 0,
             rng,
             aside: rng,
             steps: 0,
@@ -176,6 +184,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             }
             match s.stage {
                 Stage::Fly => self.fly(&mut s),
+                Stage::Line => s = camera_line::start(self, s),
                 Stage::Medium => self.scatter(&mut s),
                 Stage::Surface(hit) => self.surface(&mut s, hit),
                 Stage::Reflect(hit) => self.reflect(&mut s, hit),
@@ -186,10 +195,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 Stage::Done => match s.pending.take() {
                     Some(next) => {
                         s = State { rng: s.rng, aside: s.aside, steps: s.steps, ..*next };
-                        self.rec.push(Event::Chain);
-                        for &span in s.line.take().iter().flat_map(|l| l.iter()) {
-                            self.rec.push(Event::Span { span, prefix: None });
-                        }
+                        camera_line::chain(self, &s);
                     }
                     None => return,
                 },
@@ -348,6 +354,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         s.depth = k;
+        s.direct = false;
+        s.in_a_row = 0;
         s.vertex = s.o;
         s.tau = Rgb::ZERO;
         if R::ON {
@@ -409,6 +417,10 @@ impl<'a, R: Recorder> Walker<'a, R> {
     fn reflect(&mut self, s: &mut State, hit: Hit) {
         let shape = &self.scene.shapes[hit.shape as usize];
         let surface = &self.scene.surfaces[shape.surface as usize];
+        if surface.is_smooth() {
+            specular::scatter(self, s, &hit);
+            return;
+        }
         let k = s.depth + 1;
         let wi = -s.w;
         if !self.may_scatter(k) || !surface.reflects(hit.ns, wi) {
@@ -416,6 +428,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         s.depth = k;
+        s.direct = false;
+        s.in_a_row = 0;
         s.o = hit.p;
         s.vertex = hit.p;
         s.tau = Rgb::ZERO;

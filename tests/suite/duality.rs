@@ -132,7 +132,7 @@ fn anonymous_objects_have_slots_of_their_own() {
         .iter()
         .filter_map(|s| match s {
             tyndall::surface::Surface::Diffuse { slot, .. } => Some(*slot),
-            tyndall::surface::Surface::Null => None,
+            _ => None,
         })
         .collect();
     assert_ne!(slots[0], slots[1]);

@@ -11,6 +11,7 @@ mod chunks;
 mod cli;
 mod converge;
 mod cylinder;
+mod dielectric;
 mod duality;
 mod fit;
 mod floors;

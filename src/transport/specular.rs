@@ -1,0 +1,75 @@
+//! Smooth interfaces on a walk: mirrored and refracted rays ([T] section 6.1).
+//!
+//! A ray that only such interfaces have turned since the camera is still a camera line, and treated like one ([`super::camera_line`]); at the first interface that it meets both
+//! rays are followed, at any later one, and on all other paths, one of them, by its share of the light. No connection crosses an interface: what lies behind is found by directions, whose
+//! weight against connections is then whole.
+
+use super::record::Recorder;
+use super::walk::{Flight, Stage, State, Walker};
+use crate::math::DVec3;
+use crate::scene::{Hit, On};
+use crate::surface::{Ray, Surface};
+
+/// Interfaces in a row before paths begin to be given up: mirrors that face each other hold light for ever.
+const IN_A_ROW: u32 = 64;
+/// Of them then go on at each.
+const SURVIVE: f64 = 0.95;
+
+/// Go on from a smooth surface.
+pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) {
+    let k = s.depth + 1;
+    if !w.may_scatter(k) {
+        s.stage = Stage::Done;
+        return;
+    }
+    let shape = &w.scene.shapes[hit.shape as usize];
+    let rays = rays(&w.scene.surfaces[shape.surface as usize], hit, s.w);
+    let first = s.direct && s.depth == 0;
+    s.depth = k;
+    s.in_a_row += 1;
+    s.o = hit.p;
+    s.vertex = hit.p;
+    s.tau = crate::math::Rgb::ZERO;
+    s.on = On::at(hit);
+    s.flight = Flight::default();
+    if s.in_a_row > IN_A_ROW {
+        if s.rng.uniform() >= SURVIVE {
+            s.stage = Stage::Done;
+            return;
+        }
+        s.beta *= 1.0 / SURVIVE;
+    }
+    let follow = |s: &mut State, r: &Ray, p: f64| {
+        if r.through {
+            s.medium = shape.medium_behind(s.w, hit.n, s.medium);
+        }
+        s.beta *= r.weight / p;
+        s.start *= r.weight.max() / p;
+        s.w = r.w;
+        s.pdf_direction = 0.0;
+        s.stage = if s.direct { Stage::Line } else { Stage::Fly };
+    };
+    match rays {
+        [None, None] => s.stage = Stage::Done,
+        [Some(r), None] | [None, Some(r)] => follow(s, &r, 1.0),
+        [Some(mirrored), Some(refracted)] if first => {
+            let mut other = State { pending: s.pending.take(), ..s.clone() };
+            follow(&mut other, &mirrored, 1.0);
+            follow(s, &refracted, 1.0);
+            s.pending = Some(Box::new(other));
+        }
+        [Some(mirrored), Some(refracted)] => {
+            let f = mirrored.weight.mean();
+            if s.rng.uniform() < f { follow(s, &mirrored, f) } else { follow(s, &refracted, 1.0 - f) }
+        }
+    }
+}
+
+/// By the shading normal; by the geometric one where that would send rays to the wrong side.
+fn rays(surface: &Surface, hit: &Hit, w: DVec3) -> [Option<Ray>; 2] {
+    let rays = surface.rays(hit.ns, w);
+    let came = hit.n.dot(w);
+    let right = |r: &Ray| (hit.n.dot(r.w) * came > 0.0) == r.through;
+    let both = hit.ns.dot(w) * came > 0.0 && rays.iter().flatten().all(right);
+    if both { rays } else { surface.rays(hit.n, w) }
+}

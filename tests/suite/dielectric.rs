@@ -1,0 +1,110 @@
+//! Smooth interfaces: pictures and material derivatives of slabs of index n against adding-doubling (`stability/slab_values.csv`), furnaces, and what must hold whatever the numbers are.
+//! |z| <= 4.5 everywhere (false alarm 7e-6 a comparison).
+
+use crate::common::{check, forward};
+use tyndall::study::reference::slab;
+use tyndall::study::slab::{Slab, View};
+
+/// Of the film of [`Slab::text`].
+const PIXELS: u64 = 256 * 128;
+
+/// Value and derivatives of one view of a slab.
+fn slab_case(case: &str, s: Slab, view: View, quantity: &str, paths: usize, precision: f64) {
+    let wrt = [("sigma_t", "d_tau"), ("albedo", "d_albedo"), ("g", "d_g")];
+    let found = forward(&s.text(view), &wrt.map(|w| w.0), paths as u64 / PIXELS);
+    let known = |q: &str| slab(case, q).unwrap_or_else(|| panic!("{case} {q}")).value;
+    check(&format!("{case} {quantity}"), &found[0], known(quantity), precision);
+    for (k, (_, d)) in wrt.iter().enumerate() {
+        let name = format!("{quantity}:{d}");
+        check(&format!("{case} {name}"), &found[k + 1], known(&name), f64::INFINITY);
+    }
+}
+
+#[test]
+fn slabs_against_adding_doubling() {
+    for (name, s) in [
+        ("t1_a0.9_g0_n1.0001", Slab { n: 1.0001, ..Slab::new(1.0, 0.9, 0.0) }),
+        ("t1_a0.9_g0_n1.5", Slab { n: 1.5, ..Slab::new(1.0, 0.9, 0.0) }),
+        ("t1_a0_g0_n1.33", Slab { n: 1.33, ..Slab::new(1.0, 0.0, 0.0) }),
+    ] {
+        let case = format!("slab_{name}");
+        for (view, quantity) in [(View::R(1.0), "R_1"), (View::T(1.0), "T_1")] {
+            slab_case(&case, s, view, quantity, 1 << 18, 0.01);
+        }
+    }
+    let s = Slab { n: 1.5, ..Slab::new(1.0, 0.9, 0.0) };
+    for (view, quantity) in [(View::Rdiff, "R_diff"), (View::Tdiff, "T_diff"), (View::R(0.5), "R_0.5")] {
+        slab_case("slab_t1_a0.9_g0_n1.5", s, view, quantity, 1 << 18, 0.02);
+    }
+}
+
+#[test]
+fn thick_slabs_against_adding_doubling() {
+    for (name, s) in [
+        ("t10_a0.999_g0.9_n1.33", Slab { n: 1.33, ..Slab::new(10.0, 0.999, 0.9) }),
+        ("t10_a1_g0_n2.4", Slab { n: 2.4, ..Slab::new(10.0, 1.0, 0.0) }),
+    ] {
+        let case = format!("slab_{name}");
+        for (view, quantity) in [(View::R(1.0), "R_1"), (View::T(1.0), "T_1")] {
+            slab_case(&case, s, view, quantity, 1 << 16, 0.03);
+        }
+    }
+}
+
+/// Light from everywhere and no absorption: 1 wherever one looks, whatever is refracted and scattered.
+#[test]
+fn furnaces_of_glass() {
+    for n in [1.0001, 1.33, 1.5, 2.4, 0.7] {
+        let s = Slab { n, ..Slab::new(1.0, 1.0, 0.0) };
+        let found = &forward(&s.text(View::Furnace), &[], (1 << 16) / PIXELS)[0];
+        check(&format!("slab n = {n}"), found, 1.0, 0.01);
+    }
+    let ball = |shape: &str, n: f64| {
+        format!(
+            r#"<scene version="3.0.0"><integrator type="volpath"><integer name="max_depth" value="-1"/></integrator>
+            <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.5, 1, 2"/><float name="albedo" value="1"/></medium>
+            {shape}<bsdf type="dielectric"><float name="int_ior" value="{n}"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="fog"/></shape>
+            <emitter type="constant"/>
+            <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="0.5, 1, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
+            <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film></sensor></scene>"#
+        )
+    };
+    for shape in [r#"<shape type="sphere">"#, r#"<shape type="cube">"#] {
+        for n in [1.5, 0.8] {
+            let found = &forward(&ball(shape, n), &[], 1 << 9)[0];
+            for c in 0..3 {
+                let z = found.z(c, 1.0);
+                assert!(
+                    z.abs() <= 4.5 && found.error[c] < 0.01,
+                    "{shape} {n} channel {c}: {} +- {}",
+                    found.value[c],
+                    found.error[c]
+                );
+            }
+        }
+    }
+}
+
+/// Without a medium and with clear glass nothing is random but the film: mirrors and panes by Fresnel's formulas.
+#[test]
+fn panes_and_mirrors() {
+    let scene = |bsdf: &str| {
+        format!(
+            r#"<scene version="3.0.0"><integrator type="path"><integer name="max_depth" value="-1"/></integrator>
+            <shape type="cube"><transform name="to_world"><scale x="1000" y="1000" z="0.1"/></transform>{bsdf}</shape>
+            <shape type="rectangle"><transform name="to_world"><scale value="100000"/><rotate y="1" angle="180"/><translate z="5"/></transform>
+              <emitter type="area"><rgb name="radiance" value="2"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>
+            <sensor type="orthographic"><transform name="to_world"><scale value="1e-9"/><rotate y="1" angle="60"/><translate x="-3" z="-2"/></transform>
+            <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/></film></sensor></scene>"#
+        )
+    };
+    // At 60 degrees, n = 1.5, both faces: T = (1-F)/(1+F).
+    let f = tyndall::math::fresnel::Interface::new(0.5, 1.0, 1.5).reflectance();
+    let glass =
+        r#"<bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf>"#;
+    check("pane", &forward(&scene(glass), &[], 1 << 14)[0], 2.0 * (1.0 - f) / (1.0 + f), 0.01);
+    let same =
+        r#"<bsdf type="dielectric"><float name="int_ior" value="1.2"/><float name="ext_ior" value="1.2"/></bsdf>"#;
+    check("nothing", &forward(&scene(same), &[], 32)[0], 2.0, 1e-12);
+    check("mirror", &forward(&scene(r#"<bsdf type="conductor"/>"#), &[], 32)[0], 0.0, 1e-12);
+}
