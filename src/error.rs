@@ -103,6 +103,8 @@ pub enum WarningKind {
     LeakyBoundary,
     /// A zero-measure light stands in a medium that it does not name.
     LightInUnnamedMedium,
+    /// A light without extent whose way through an interface is not followed.
+    LightBehindGlass,
     /// Faces without area, non-manifold edges.
     DegenerateMesh,
     /// Coordinates so large that single precision geometry is coarse.

@@ -34,6 +34,19 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
             ));
         }
     }
+    if scene.surfaces.iter().any(|s| matches!(s, crate::surface::Surface::Dielectric { .. })) {
+        for (l, part) in scene.lights.iter().zip(&parts.lights) {
+            if l.center().is_some() || l.single_direction().is_some() {
+                found.push(warning(
+                    WarningKind::LightBehindGlass,
+                    &part.span,
+                    format!("what light `{}` sends through a dielectric is not in the picture yet", l.name),
+                    "such light has to be connected through the interface; a small area light shows it, with noise"
+                        .into(),
+                ));
+            }
+        }
+    }
     let coarse = scene.bounds.magnitude() > 1e5 * scene.bounds.radius();
     if !scene.bounds.is_empty() && scene.bounds.radius() > 0.0 && coarse {
         found.push(warning(

@@ -106,7 +106,12 @@ pub fn invalid_input(b: &mut Bench) -> Result<()> {
     ] {
         refused(b, label, field, &slab_with("</scene>", &format!("{shape}</scene>")));
     }
-    b.not_yet("int_ior <= 0", "dielectric interfaces do not exist yet");
+    for ior in ["0", "-1", "NaN"] {
+        let glass = format!(
+            r#"<shape type="sphere"><bsdf type="dielectric"><float name="int_ior" value="{ior}"/></bsdf></shape>"#
+        );
+        refused(b, &format!("int_ior = {ior}"), "int_ior", &slab_with("</scene>", &format!("{glass}</scene>")));
+    }
     Ok(())
 }
 

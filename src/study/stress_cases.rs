@@ -11,6 +11,7 @@ pub fn runner(name: &str) -> Option<Runner> {
         "vacuum-derivative" => slab::vacuum,
         "black-1e5" => slab::black,
         "white-furnace" => slab::white_furnace,
+        "white-furnace-glass" => slab::white_furnace_glass,
         "scale-invariance" => slab::scaled,
         "translation-invariance" => slab::translated,
         "camera-on-boundary" => slab::camera_on_boundary,
