@@ -12,8 +12,8 @@ pub type Numbers = [f64; DIMENSIONS];
 
 /// Share of the uniform density.
 const UNIFORM: f64 = 0.2;
-/// Samples of a box that is halved, at least: squares have heavy tails.
-const SAMPLES: usize = 512;
+/// Samples of equal size that a box must be worth, `(Σs)²/Σs²`, to be halved: squares are rare, and have heavy tails.
+const SAMPLES: f64 = 32.0;
 /// Halvings from the cube to a box, at most.
 const DEPTH: u32 = 24;
 
@@ -66,11 +66,11 @@ impl Cell {
 }
 
 impl Guide {
-    /// The density that these samples suggest.
-    pub fn learn(mut told: Vec<Told>) -> Guide {
+    /// The density that these samples suggest, in the first `axes` numbers.
+    pub fn learn(axes: usize, mut told: Vec<Told>) -> Guide {
         let mut guide = Guide { nodes: vec![Node::default()] };
         let mut weights = vec![0.0];
-        guide.split(0, &mut told, Cell::CUBE, 0, &mut weights);
+        guide.split(axes, 0, &mut told, Cell::CUBE, 0, &mut weights);
         // Weights of boxes become probabilities; halves come after what they are halves of.
         let total = weights[0];
         let mut mass = vec![0.0; guide.nodes.len()];
@@ -85,8 +85,8 @@ impl Guide {
     }
 
     /// Halve the box of a node as long as there are samples enough; `weights` become the integrals of the density without a scale.
-    fn split(&mut self, node: usize, told: &mut [Told], cell: Cell, depth: u32, weights: &mut Vec<f64>) {
-        if told.len() < SAMPLES || depth >= DEPTH {
+    fn split(&mut self, axes: usize, node: usize, told: &mut [Told], cell: Cell, depth: u32, weights: &mut Vec<f64>) {
+        if worth(told) < SAMPLES || depth >= DEPTH {
             weights[node] = weight(told.iter(), cell.volume());
             return;
         }
@@ -96,7 +96,7 @@ impl Guide {
             let side = |upper: bool| weight(told.iter().filter(|t| (t.at[axis] >= m) == upper), half);
             side(false) + side(true)
         };
-        let (axis, _) = (0..DIMENSIONS).map(|k| (k, halves(k))).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0));
+        let (axis, _) = (0..axes).map(|k| (k, halves(k))).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0));
         let middle = cell.middle(axis);
         told.sort_unstable_by(|a, b| (a.at[axis] >= middle).cmp(&(b.at[axis] >= middle)));
         let cut = told.partition_point(|t| t.at[axis] < middle);
@@ -105,14 +105,14 @@ impl Guide {
         self.nodes.extend([Node::default(); 2]);
         weights.extend([0.0; 2]);
         let (lower, upper) = told.split_at_mut(cut);
-        self.split(first, lower, cell.half(axis, false), depth + 1, weights);
-        self.split(first + 1, upper, cell.half(axis, true), depth + 1, weights);
+        self.split(axes, first, lower, cell.half(axis, false), depth + 1, weights);
+        self.split(axes, first + 1, upper, cell.half(axis, true), depth + 1, weights);
         weights[node] = weights[first] + weights[first + 1];
     }
 
     /// The mass of every node: its share of the weights, and of the volume.
     fn spread(&self, node: usize, volume: f64, total: f64, weights: &[f64], mass: &mut [f64]) {
-        let learned = if total > 0.0 { weights[node] / total } else { volume };
+        let learned = if total > 0.0 && total.is_finite() { weights[node] / total } else { volume };
         mass[node] = (1.0 - UNIFORM) * learned + UNIFORM * volume;
         let i = self.nodes[node].halves as usize;
         if i > 0 {
@@ -139,6 +139,15 @@ impl Guide {
             k = halves as usize + usize::from(upper);
         }
     }
+}
+
+/// How many samples of equal size say as much: the effective sample size of the squares.
+fn worth(told: &[Told]) -> f64 {
+    let (sum, squares) = told.iter().fold((0.0, 0.0), |(s, q), t| {
+        let x = t.square * t.density;
+        (s + x, q + x * x)
+    });
+    if squares > 0.0 && squares.is_finite() { sum * sum / squares } else { 0.0 }
 }
 
 /// `∫√(E[F²|u]) du` over a box, without a scale, as if E did not vary inside it.
@@ -168,7 +177,7 @@ mod tests {
             let at = uniform(&mut rng);
             told.push(Told { at, square: ridge(&at, &mut rng).powi(2), density: 1.0 });
         }
-        let guide = Guide::learn(told);
+        let guide = Guide::learn(3, told);
         let n = 200_000;
         let (mut plain, mut guided) = ([0.0; 2], [0.0; 3]);
         for _ in 0..n {
@@ -193,7 +202,7 @@ mod tests {
     fn nothing_told_is_uniform() {
         let mut rng = Rng::keyed(6, 0, 0, 0);
         for told in [vec![], vec![Told { at: [0.5; DIMENSIONS], square: 0.0, density: 1.0 }; 100]] {
-            let guide = Guide::learn(told);
+            let guide = Guide::learn(DIMENSIONS, told);
             for _ in 0..100 {
                 let u = uniform(&mut rng);
                 let (v, g) = guide.warp(u);

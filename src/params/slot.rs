@@ -18,7 +18,7 @@ pub enum Quantity {
     G,
     /// Diffuse reflectance, per channel.
     Reflectance,
-    /// Indices of refraction of a dielectric: interior, exterior.
+    /// Indices of refraction of a dielectric: interior, exterior; of a conductor: eta and k, per channel.
     Ior,
     /// Radiance, intensity or irradiance of a light, per channel.
     Emission,

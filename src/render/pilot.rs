@@ -27,7 +27,7 @@ impl Job<'_> {
         let sensor = &self.scene.sensors[self.sensor];
         let run = (sensor.width * sensor.height) as f64 * self.spp as f64;
         let scale = (run * OF_THE_RUN / ROUNDS.iter().sum::<u64>() as f64).min(1.0);
-        for room in (0..rooms.list.len()).filter(|&r| rooms.list[r].is_guided()).collect::<Vec<_>>() {
+        for room in (0..rooms.list.len()).filter(|&r| rooms.list[r].guided_numbers() > 0).collect::<Vec<_>>() {
             let (mut told, mut next) = (Vec::new(), 0);
             for n in ROUNDS.map(|n| (n as f64 * scale) as u64) {
                 let one = |i: u64| {
@@ -43,7 +43,7 @@ impl Job<'_> {
                 };
                 told.par_extend((next..next + n).into_par_iter().map(one));
                 next += n;
-                rooms.set_guide(room, Guide::learn(told.clone()));
+                rooms.set_guide(room, Guide::learn(rooms.list[room].guided_numbers(), told.clone()));
             }
         }
     }

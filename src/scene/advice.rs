@@ -5,6 +5,7 @@ use super::{On, Scene};
 use crate::error::{Span, Warning, WarningKind};
 use crate::math::DVec3;
 use crate::shape::{Geometry, Shape};
+use crate::surface::Surface;
 
 /// Look for what works but is probably not meant.
 pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
@@ -34,14 +35,14 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
             ));
         }
     }
-    if scene.surfaces.iter().any(|s| matches!(s, crate::surface::Surface::Dielectric { .. })) {
+    if scene.surfaces.iter().any(Surface::is_smooth) {
         for (l, part) in scene.lights.iter().zip(&parts.lights) {
             if l.center().is_some() || l.single_direction().is_some() {
                 found.push(warning(
                     WarningKind::LightBehindGlass,
                     &part.span,
-                    format!("what light `{}` sends through a dielectric is not in the picture yet", l.name),
-                    "such light has to be connected through the interface; a small area light shows it, with noise"
+                    format!("what light `{}` sends by way of glass or a mirror is not in the picture yet", l.name),
+                    "such light has to be connected by way of the interface; a small area light shows it, with noise"
                         .into(),
                 ));
             }

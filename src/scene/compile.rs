@@ -66,7 +66,7 @@ impl Scene {
         let mut surfaces = Vec::with_capacity(parts.surfaces.len());
         for (i, s) in parts.surfaces.iter().enumerate() {
             let quantity = match s {
-                SurfacePart::Dielectric { .. } => Quantity::Ior,
+                SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. } => Quantity::Ior,
                 _ => Quantity::Reflectance,
             };
             surfaces.push(surface(s, slot_of(&slots, Owner::Surface(i), quantity)));
@@ -90,10 +90,12 @@ impl Scene {
         set_kappa(&mut media, &shapes, &bounds);
         let environment =
             lights.iter().position(|l| matches!(l.kind, LightKind::Constant | LightKind::Envmap(_))).map(|i| i as u32);
+        let has_glass = has_glass(&shapes, &surfaces);
         let (opaque, null) = groups(&shapes, &surfaces)?;
         let i = parts.integrator;
         let mut scene = Scene {
             max_interfaces: 2 * shapes.len() + 64,
+            has_glass,
             exact_transmittance: false,
             uniform_share: 0.0,
             shapes,
@@ -315,7 +317,7 @@ fn surface(s: &SurfacePart<f64>, slot: u32) -> Surface {
             Surface::Dielectric { interior: *interior, exterior: *exterior, slot }
         }
         SurfacePart::Conductor { eta, k, two_sided } => {
-            Surface::Conductor { eta: Rgb(*eta), k: Rgb(*k), two_sided: *two_sided }
+            Surface::Conductor { eta: Rgb(*eta), k: Rgb(*k), two_sided: *two_sided, slot }
         }
         SurfacePart::Diffuse { reflectance, two_sided } => {
             Surface::Diffuse { reflectance: Rgb(*reflectance), two_sided: *two_sided, slot }
@@ -390,6 +392,10 @@ fn set_kappa(media: &mut [Medium], shapes: &[Instance], bounds: &Bounds) {
 }
 
 /// Opaque shapes and null interfaces, each with its own Embree scene.
+fn has_glass(shapes: &[Instance], surfaces: &[Surface]) -> bool {
+    shapes.iter().any(|s| matches!(surfaces[s.surface as usize], Surface::Dielectric { .. }))
+}
+
 fn groups(shapes: &[Instance], surfaces: &[Surface]) -> Result<(Group, Group)> {
     let members = |null: bool| -> Vec<u32> {
         (0..shapes.len() as u32).filter(|&i| surfaces[shapes[i as usize].surface as usize].is_null() == null).collect()

@@ -11,6 +11,7 @@ use crate::light::Arrival;
 use crate::math::DVec3;
 use crate::native::embree::{Bvh, Ray, SceneBuilder, UserPrimitives};
 use crate::shape::{Geometry, Shape, Start};
+use crate::surface::Surface;
 use std::sync::Arc;
 
 /// A point where a ray meets a surface.
@@ -32,12 +33,19 @@ pub struct Hit {
 pub struct On {
     faces: [(u32, u32); 4],
     len: u8,
+    /// Whatever else lies within rounding of the origin is behind it.
+    alone: bool,
 }
 
 impl On {
     /// On one face only.
     pub fn at(hit: &Hit) -> Self {
-        On { faces: [(hit.shape, hit.face); 4], len: 1 }
+        On { faces: [(hit.shape, hit.face); 4], len: 1, alone: false }
+    }
+
+    /// On one face, on the side that is turned away from all that coincides with it.
+    pub fn inside(hit: &Hit) -> Self {
+        On { alone: true, ..On::at(hit) }
     }
 
     /// After passing through an interface: the faces passed at the same point are remembered together.
@@ -162,13 +170,14 @@ impl Group {
         medium: Medium,
     ) -> Option<(f64, u32, u32)> {
         let tolerance = scene.tolerance(o);
+        let behind = if on.alone { -tolerance } else { tolerance };
         let mut best: Option<(f64, u32, u32)> = None;
         for &id in &self.simple {
             let shape = &scene.shapes[id as usize];
             let limit = best.map_or(t_max, |b| b.0);
             let mut start = on.face(id).map(|face| Start { face });
             for _ in 0..2 {
-                let Some((t, face)) = shape.shape.cross(o, w, -tolerance, limit, start) else { break };
+                let Some((t, face)) = shape.shape.cross(o, w, -behind, limit, start) else { break };
                 let consistent = match medium {
                     Medium::Any => true,
                     Medium::Inside(m) if t <= tolerance => {
@@ -187,10 +196,10 @@ impl Group {
         if let Some(bvh) = &self.bvh {
             let limit = best.map_or(t_max, |b| b.0);
             // Begin a few ulps behind the origin: a surface that coincides with the one just passed must not be missed.
-            let ray = Ray { o: o - w * tolerance, d: w, t_max: limit + tolerance, exclude: self.exclude(on) };
+            let ray = Ray { o: o - w * behind, d: w, t_max: limit + behind, exclude: self.exclude(on) };
             if let Some(h) = bvh.intersect(&ray) {
                 let (shape, face) = self.face_of(h.geom, h.prim);
-                best = Some((h.t - tolerance, shape, face));
+                best = Some((h.t - behind, shape, face));
             }
         }
         best
@@ -273,8 +282,34 @@ impl Scene {
         let null = self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium));
         let limit = null.map_or(t_max, |(t, ..)| t.max(0.0));
         // At equal distance the surface is met inside the medium; either order keeps the bookkeeping consistent.
-        let (t, shape, face) = self.opaque.nearest(self, o, w, limit, on, Medium::Any).or(null)?;
+        let found = self.opaque.nearest(self, o, w, limit, on, Medium::Any).map(|h| self.left_first(o, w, on, h));
+        let (t, shape, face) = found.or(null)?;
         Some(self.hit(t, o + w * t, shape, face))
+    }
+
+    /// Where faces coincide (a glass on a table), a dielectric that the ray is inside of is left before anything else is met; what it would enter comes last by itself, since
+    /// a ray that starts on a face meets what coincides with that. Analytic shapes only: Embree's triangles are not met from their own plane.
+    fn left_first(&self, o: DVec3, w: DVec3, on: &On, found: (f64, u32, u32)) -> (f64, u32, u32) {
+        let (t, shape, face) = found;
+        let glass = |id: u32| {
+            let s = &self.shapes[id as usize];
+            matches!(self.surfaces[s.surface as usize], Surface::Dielectric { .. })
+        };
+        if !self.has_glass || glass(shape) && self.shapes[shape as usize].shape.normal(face, o + w * t).dot(w) > 0.0 {
+            return found;
+        }
+        let slack = 2.0 * (self.tolerance(o) + self.tolerance(o + w * t));
+        let leaves =
+            |t: f64, shape: u32, face: u32| self.shapes[shape as usize].shape.normal(face, o + w * t).dot(w) > 0.0;
+        for &id in self.opaque.simple.iter().filter(|&&id| id != shape && glass(id)) {
+            let start = on.face(id).map(|face| Start { face });
+            if let Some((t, face)) = self.shapes[id as usize].shape.cross(o, w, t - slack, t + slack, start) {
+                if leaves(t, id, face) {
+                    return (t, id, face);
+                }
+            }
+        }
+        found
     }
 
     /// Nearest null interface.

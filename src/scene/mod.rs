@@ -128,6 +128,8 @@ pub struct Scene {
     pub null: Group,
     /// More crossings than this in one straight line: something is wrong, counted in `health`.
     pub max_interfaces: usize,
+    /// Whether anything refracts.
+    pub has_glass: bool,
     /// Transmittances of grids are integrals, never estimates: slower, but pictures of nearby scenes then differ by what changed alone.
     pub exact_transmittance: bool,
     /// Share of uniform directions among those that leave a surface by the cosine: where anything can move, scores like 1/cos must have a

@@ -90,10 +90,10 @@ pub enum SurfacePart<R> {
         interior: R,
         exterior: R,
     },
-    /// Index `eta - i k`; both 0: a mirror.
+    /// Index `eta - i k`.
     Conductor {
-        eta: [f64; 3],
-        k: [f64; 3],
+        eta: [R; 3],
+        k: [R; 3],
         two_sided: bool,
     },
     Null,
@@ -283,7 +283,10 @@ impl<R: Real> Parts<R> {
                 SurfacePart::Dielectric { interior, exterior } => {
                     add(Owner::Surface(i), name, Quantity::Ior, vec![*interior, *exterior]);
                 }
-                SurfacePart::Conductor { .. } | SurfacePart::Null => {}
+                SurfacePart::Conductor { eta, k, .. } => {
+                    add(Owner::Surface(i), name, Quantity::Ior, eta.iter().chain(k).copied().collect());
+                }
+                SurfacePart::Null => {}
             }
         }
         for (i, l) in self.lights.iter().enumerate() {

@@ -135,8 +135,6 @@ impl<R: Real> Reader<'_, R> {
             )),
             "dielectric" => {
                 let (interior, exterior) = (self.index(n, "int_ior", BK7)?, self.index(n, "ext_ior", AIR)?);
-                self.clear(n, "specular_reflectance")?;
-                self.clear(n, "specular_transmittance")?;
                 Ok(SurfacePart::Dielectric { interior, exterior })
             }
             "conductor" => self.conductor(n, two_sided),
@@ -178,35 +176,18 @@ impl<R: Real> Reader<'_, R> {
         Ok(ior)
     }
 
-    /// A factor that is there for artists, and 1.
-    fn clear(&self, n: &Node, name: &str) -> Result<()> {
-        let factor: [R; 3] = n.rgb(self.env, name, 1.0)?;
-        let one = factor.iter().all(|x| x.value() == 1.0);
-        require(n, name, one, format!("{name} is {:?}", factor.map(R::value)), "only 1 is available: leave it out")
-    }
-
     fn conductor(&self, n: &Node, two_sided: bool) -> Result<SurfacePart<R>> {
         let material = n.string("material", "none")?;
-        let named = n.has("eta") || n.has("k");
         if material != "none" {
             let remedy = "give eta and k as <rgb>, or material none for a mirror";
             return Err(n.err("material", format!("material `{material}`: no table of metals is available"), remedy));
         }
-        let (eta, k) = match named {
-            true => (n.rgb(self.env, "eta", 0.0)?, n.rgb(self.env, "k", 0.0)?),
-            false => ([R::zero(); 3], [R::zero(); 3]),
-        };
-        let (eta, k) = (eta.map(R::value), k.map(R::value));
-        let ok = |x: &[f64; 3]| x.iter().all(|&x| x >= 0.0 && x.is_finite());
-        require(
-            n,
-            "eta",
-            ok(&eta) && (!named || eta.iter().all(|&x| x > 0.0)),
-            format!("eta is {eta:?}"),
-            "an index is above 0",
-        )?;
-        require(n, "k", ok(&k), format!("k is {k:?}"), "an absorption is not negative")?;
-        self.clear(n, "specular_reflectance")?;
+        // An index of 0: a mirror.
+        let (eta, k): ([R; 3], [R; 3]) = (n.rgb(self.env, "eta", 0.0)?, n.rgb(self.env, "k", 1.0)?);
+        for (name, x) in [("eta", &eta), ("k", &k)] {
+            let ok = x.iter().all(|x| x.value() >= 0.0 && x.value().is_finite());
+            require(n, name, ok, format!("{name} is {:?}", x.map(R::value)), "an index is not negative")?;
+        }
         Ok(SurfacePart::Conductor { eta, k, two_sided })
     }
 

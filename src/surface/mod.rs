@@ -2,7 +2,7 @@
 
 use crate::math::fresnel::{self, Interface};
 use crate::math::{DVec3, Rgb, V3, warp};
-use crate::params::Slot;
+use crate::params::{ParamSet, Slot};
 use std::f64::consts::PI;
 
 #[derive(Clone, Debug)]
@@ -11,14 +11,11 @@ pub enum Surface {
     Diffuse { reflectance: Rgb, two_sided: bool, slot: Slot },
     /// A smooth interface: mirrored and refracted light only. `interior`: index behind the front side, `exterior`: before it.
     Dielectric { interior: f64, exterior: f64, slot: Slot },
-    /// A smooth metal of index `eta - i k`, seen from a vacuum; mirrors on the front only unless `two_sided`. No absorption at all: a mirror.
-    Conductor { eta: Rgb, k: Rgb, two_sided: bool },
+    /// A smooth metal of index `eta - i k`, seen from a vacuum; mirrors on the front only unless `two_sided`. An index of 0 mirrors all.
+    Conductor { eta: Rgb, k: Rgb, two_sided: bool, slot: Slot },
     /// Index-matched: light passes unchanged; separates media.
     Null,
 }
-
-/// Index of refraction of a conductor that mirrors everything, as scenes ask for (`material` none).
-pub const MIRROR: Rgb = Rgb::ZERO;
 
 /// Light that leaves a smooth surface along one ray.
 #[derive(Clone, Copy, Debug)]
@@ -40,6 +37,15 @@ impl Surface {
         matches!(self, Surface::Dielectric { .. } | Surface::Conductor { .. })
     }
 
+    /// Whether its index is among the parameters.
+    pub fn refracts_by(&self, params: &ParamSet) -> bool {
+        match self {
+            Surface::Dielectric { slot, .. } => params.block_active(*slot, 2),
+            Surface::Conductor { slot, .. } => params.block_active(*slot, 6),
+            _ => false,
+        }
+    }
+
     /// The mirrored and the refracted ray of one that travels along w, [T] 6.1; weights include F, 1 - F and, as radiance asks, η². `n` is a normal on the front side.
     pub fn rays(&self, n: DVec3, w: DVec3) -> [Option<Ray>; 2] {
         let front = n.dot(w) < 0.0;
@@ -57,9 +63,8 @@ impl Surface {
                 });
                 [mirrored(Rgb::splat(f)), refracted]
             }
-            Surface::Conductor { eta, k, two_sided } if front || *two_sided => {
-                let mirror = *eta == MIRROR && *k == Rgb::ZERO;
-                [mirrored(if mirror { Rgb::ONE } else { fresnel::conductor(c, *eta, *k) }), None]
+            Surface::Conductor { eta, k, two_sided, .. } if front || *two_sided => {
+                [mirrored(fresnel::conductor(c, *eta, *k)), None]
             }
             _ => [None, None],
         }

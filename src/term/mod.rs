@@ -164,6 +164,21 @@ impl Motion {
                 "move it a little off what it touches, or give it a beam_width below its cutoff_angle",
             ));
         }
+        let smooth = |s: &&crate::scene::Instance| scene.surfaces[s.surface as usize].is_smooth();
+        if let Some(s) = scene.shapes.iter().find(smooth) {
+            let lights = self.lights.iter().any(|l| l.position || l.direction || l.angles);
+            let index =
+                scene.shapes.iter().filter(smooth).any(|s| scene.surfaces[s.surface as usize].refracts_by(params));
+            if self.surfaces() || lights || index {
+                return Err(Error::usage(
+                    format!(
+                        "`{}` mirrors or refracts: what moves beside it cannot be differentiated yet, nor its index",
+                        s.name
+                    ),
+                    "differentiate with respect to values of media, of other surfaces, and of lights",
+                ));
+            }
+        }
         if let Some(name) = &self.glowing_null {
             return Err(Error::usage(
                 format!("the lamp `{name}` has a null bsdf, and something moves: this cannot be differentiated yet"),
@@ -282,9 +297,9 @@ pub trait Room: Send + Sync {
     /// One sample from the sheet outward. `lead`: the numbers that it begins with.
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample));
 
-    /// Whether `lead` may have any density: not where samples are weighed against those along camera rays.
-    fn is_guided(&self) -> bool {
-        false
+    /// How many numbers of `lead` may have any density: none where samples are weighed against those along camera rays.
+    fn guided_numbers(&self) -> usize {
+        0
     }
 }
 

@@ -42,8 +42,8 @@ impl Room for PixelEdge {
 
     fn along(&self, _: &mut Context, _: [f64; 2], _: &mut Rng, _: &mut dyn FnMut(&Sample)) {}
 
-    fn is_guided(&self) -> bool {
-        true
+    fn guided_numbers(&self) -> usize {
+        1
     }
 
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {

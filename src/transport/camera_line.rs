@@ -28,7 +28,7 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
             let m = &scene.media[id as usize];
             if matches!(&m.density, Volume::Grid(g) if g.channels() == 3) {
                 // No inverse for three extinctions at once: walk instead.
-                return from_camera;
+                return State { stage: Stage::Fly, direct: false, ..from_camera };
             }
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
             let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());

@@ -24,13 +24,13 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
     }
     let shape = &w.scene.shapes[hit.shape as usize];
     let rays = rays(&w.scene.surfaces[shape.surface as usize], hit, s.w);
+    let tolerance = w.scene.tolerance(hit.p);
     let first = s.direct && s.depth == 0;
     s.depth = k;
     s.in_a_row += 1;
     s.o = hit.p;
     s.vertex = hit.p;
     s.tau = crate::math::Rgb::ZERO;
-    s.on = On::at(hit);
     s.flight = Flight::default();
     if s.in_a_row > IN_A_ROW {
         if s.rng.uniform() >= SURVIVE {
@@ -40,6 +40,13 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         s.beta *= 1.0 / SURVIVE;
     }
     let follow = |s: &mut State, r: &Ray, p: f64| {
+        // Where faces coincide: what it has just left stays behind one that goes through, may be met again by one that is mirrored outside, and is out of
+        // reach of one that is mirrored inside.
+        s.on = match (r.through, s.w.dot(hit.n) > 0.0) {
+            (true, _) => s.on.crossed(hit, tolerance),
+            (false, false) => On::at(hit),
+            (false, true) => On::inside(hit),
+        };
         if r.through {
             s.medium = shape.medium_behind(s.w, hit.n, s.medium);
         }

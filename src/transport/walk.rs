@@ -206,6 +206,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
     /// From `o` along `w` to a collision, a surface, or out of the scene.
     pub(super) fn fly(&mut self, s: &mut State) {
         let scene = self.scene;
+        // What is flown is not in the lead of a camera line.
+        s.direct = false;
         let Some(id) = s.medium else {
             let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
             return self.arrive(s, hit);

@@ -1,7 +1,8 @@
 //! Smooth interfaces: pictures and material derivatives of slabs of index n against adding-doubling (`stability/slab_values.csv`), furnaces, and what must hold whatever the numbers are.
 //! |z| <= 4.5 everywhere (false alarm 7e-6 a comparison).
 
-use crate::common::{check, forward};
+use crate::common::{against_differences, check, forward};
+use tyndall::math::Rgb;
 use tyndall::study::reference::slab;
 use tyndall::study::slab::{Slab, View};
 
@@ -85,6 +86,28 @@ fn furnaces_of_glass() {
     }
 }
 
+/// A block that stands on a table exactly, and a hair above it: the same picture.
+#[test]
+fn a_block_on_a_table() {
+    let scene = |gap: f64| {
+        format!(
+            r#"<scene version="3.0.0"><integrator type="path"><integer name="max_depth" value="10"/></integrator>
+            <shape type="cube"><transform name="to_world"><scale value="0.4"/><translate y="{}"/></transform>
+              <bsdf type="dielectric"><float name="int_ior" value="1.4"/><float name="ext_ior" value="1"/></bsdf></shape>
+            <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/></transform>
+              <bsdf type="diffuse"><rgb name="reflectance" value="0.7"/></bsdf></shape>
+            <emitter type="constant"/>
+            <sensor type="perspective"><float name="fov" value="20"/><transform name="to_world"><lookat origin="0.5, 2, 3" target="0, 0.4, 0" up="0, 1, 0"/></transform>
+            <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film></sensor></scene>"#,
+            0.4 + gap
+        )
+    };
+    let above = &forward(&scene(1e-5), &[], 1 << 12)[0];
+    let on = &forward(&scene(0.0), &[], 1 << 12)[0];
+    let z = (above.value[0] - on.value[0]) / above.error[0].hypot(on.error[0]);
+    assert!(z.abs() <= 4.5 && on.error[0] < 0.003 * on.value[0], "{above:?} {on:?} z {z}");
+}
+
 /// Without a medium and with clear glass nothing is random but the film: mirrors and panes by Fresnel's formulas.
 #[test]
 fn panes_and_mirrors() {
@@ -106,5 +129,49 @@ fn panes_and_mirrors() {
     let same =
         r#"<bsdf type="dielectric"><float name="int_ior" value="1.2"/><float name="ext_ior" value="1.2"/></bsdf>"#;
     check("nothing", &forward(&scene(same), &[], 32)[0], 2.0, 1e-12);
-    check("mirror", &forward(&scene(r#"<bsdf type="conductor"/>"#), &[], 32)[0], 0.0, 1e-12);
+    // A mirror turned by 45 degrees shows what stands beside.
+    let mirror = |bsdf: &str| {
+        format!(
+            r#"<scene version="3.0.0"><integrator type="path"/>
+            <shape type="rectangle"><transform name="to_world"><scale value="3"/><rotate y="1" angle="135"/></transform>{bsdf}</shape>
+            <shape type="rectangle"><transform name="to_world"><scale value="9"/><rotate y="1" angle="90"/><translate x="-20"/></transform>
+              <emitter type="area"><rgb name="radiance" value="2"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>
+            <sensor type="orthographic"><transform name="to_world"><scale value="1e-9"/><translate z="-5"/></transform>
+            <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/></film></sensor></scene>"#
+        )
+    };
+    let seen = |bsdf: &str| {
+        let turned = |angle: &str| forward(&mirror(bsdf).replace("135", angle), &[], 32)[0].value[0];
+        turned("135").max(turned("225"))
+    };
+    let mirror = r#"<bsdf type="twosided"><bsdf type="conductor"/></bsdf>"#;
+    assert!((seen(mirror) - 2.0).abs() < 1e-12, "{}", seen(mirror));
+    let metal = r#"<bsdf type="twosided"><bsdf type="conductor"><rgb name="eta" value="0.2"/><rgb name="k" value="3.9"/></bsdf></bsdf>"#;
+    let f = tyndall::math::fresnel::conductor(0.5f64.sqrt(), Rgb::splat(0.2), Rgb::splat(3.9))[0];
+    assert!((seen(metal) - 2.0 * f).abs() < 1e-9, "{} {f}", seen(metal));
+}
+
+/// Fog before and behind a pane and a mirror, coloured, with a small lamp and a floor: everything that a record behind an interface begins with.
+#[test]
+fn fog_before_and_behind_interfaces_against_differences() {
+    let text = r#"<scene version="3.0.0">
+        <default name="sigma" value="0.4"/><default name="albedo" value="0.8"/><default name="g" value="0.3"/>
+        <default name="rho" value="0.6"/><default name="glow" value="0.2"/>
+        <integrator type="volpath"><integer name="max_depth" value="5"/></integrator>
+        <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="$sigma, 0.2, 0.6"/><float name="albedo" value="$albedo"/>
+          <phase type="hg"><float name="g" value="$g"/></phase><float name="emission" value="$glow"/></medium>
+        <shape type="cube"><transform name="to_world"><scale value="3"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+        <shape type="cube"><transform name="to_world"><scale x="1" y="1" z="0.1"/><rotate y="1" angle="20"/><translate x="-0.7" z="0.8"/></transform>
+          <bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf><ref name="exterior" id="fog"/></shape>
+        <shape type="rectangle"><transform name="to_world"><scale value="1.5"/><rotate y="1" angle="-30"/><translate x="0.8" z="-1"/></transform>
+          <bsdf type="conductor"><rgb name="eta" value="0.2, 0.9, 1.4"/><rgb name="k" value="3.9, 2.5, 1.9"/></bsdf></shape>
+        <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2.5"/><translate y="-1"/></transform>
+          <bsdf type="diffuse"><rgb name="reflectance" value="$rho"/></bsdf></shape>
+        <shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate x="1" angle="90"/><translate y="2"/></transform>
+          <emitter type="area"><rgb name="radiance" value="20"/></emitter><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>
+        <sensor type="perspective"><float name="fov" value="40"/>
+          <transform name="to_world"><lookat origin="0.3, 0.4, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film></sensor></scene>"#;
+    let wrt = [("sigma", 0.04), ("albedo", 0.05), ("g", 0.15), ("rho", 0.05), ("glow", 0.05)];
+    against_differences(text, &wrt, &["all"], 1 << 13, 0.01);
 }

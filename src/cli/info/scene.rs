@@ -185,11 +185,7 @@ fn surface(s: &SurfacePart<f64>) -> String {
             format!("dielectric, ior {} in {}", number(*interior), number(*exterior))
         }
         SurfacePart::Conductor { eta, k, two_sided } => {
-            let what = match eta == k && eta.iter().all(|&x| x == 0.0) {
-                true => "conductor, a mirror".to_string(),
-                false => format!("conductor, eta {}, k {}", color(eta), color(k)),
-            };
-            what + if *two_sided { ", two-sided" } else { "" }
+            format!("conductor, eta {}, k {}{}", color(eta), color(k), if *two_sided { ", two-sided" } else { "" })
         }
         SurfacePart::Diffuse { reflectance, two_sided } => {
             format!("diffuse, reflectance {}{}", color(reflectance), if *two_sided { ", two-sided" } else { "" })
