@@ -214,8 +214,7 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(seen && f.zero_measure_light && f.medium, &[G], "vertices ride on camera rays through shadows");
     add(seen && f.zero_measure_light && f.reflecting, &[R], "hits ride on camera rays through shadows");
 
-    let anything = m.opaque || m.camera || m.zero_measure_light || m.area_light || m.profile;
-    add(anything && f.dielectric, &[S], "what moves is seen or lit by way of an interface");
+    let anything = m.opaque || m.camera || m.zero_measure_light || m.area_light;
     add(m.ior, &[S], "the refractive index changes");
     add(m.ior && f.medium, &[D], "path segments inside end at the interface");
     add(m.interface, &[S], "an interface moves");
@@ -321,6 +320,11 @@ impl Plan {
                 all.entry(term).or_insert_with(|| format!("{why} ({name})"));
             }
             let matter = motion.opaque || motion.area_light || motion.camera;
+            if facts.dielectric && (matter || motion.zero_measure_light || motion.profile) {
+                let why = "what moves may be seen or lit by way of an interface";
+                missing.push((name.clone(), Term::S, why));
+                all.entry(Term::S).or_insert_with(|| format!("{why} ({name})"));
+            }
             if (motion.zero_measure_light || motion.profile || matter) && has_nearest_grid(&parts) {
                 let why = "a nearest-neighbour grid jumps at every cell face: use filter_type trilinear";
                 missing.push((name.clone(), Term::N, why));
