@@ -1,6 +1,6 @@
 //! Plane-parallel slabs: value and derivatives against adding-doubling (`slab_values.csv`).
 //!
-//! The slab is a cube of thickness 1 in z and [`HALF_WIDTH`] each way, null boundary, seen by an orthographic camera at z < 0 looking
+//! The slab is a cube of thickness 1 in z and `HALF_WIDTH` each way, null boundary, seen by an orthographic camera at z < 0 looking
 //! towards +z. `R_m`: a constant environment of radiance 1, and a black rectangle close behind the far face, so that light comes
 //! from the camera's side only. `T_m`: the black rectangle stands behind the camera instead. What slips past the rectangles' or
 //! the slab's rims is below 1e-6 of the light. `R_diff`, `T_diff`: the camera looks at a white diffuse receiver of half width
