@@ -11,7 +11,7 @@ use crate::shape::{Geometry, Shape};
 use crate::transport::first::{First, Second, Seen};
 use crate::transport::line::Line;
 use crate::transport::motion::Moving;
-use crate::transport::record::{Event, MediumSpan, Recorder};
+use crate::transport::record::{MediumSpan, Recorder};
 use crate::transport::velocity::{Source, Velocity};
 use crate::transport::walk::{Stage, State, Walker};
 
@@ -46,15 +46,7 @@ impl ByOrder {
 
 impl Recorder for ByOrder {
     const ON: bool = false;
-    fn push(&mut self, _: Event) {}
-    fn side_span(&mut self, _: MediumSpan) {}
-    fn side_len(&self) -> u32 {
-        0
-    }
-    fn side_truncate(&mut self, _: u32) {}
-    fn checkpoint(&mut self, _: &Scene, _: &State) -> bool {
-        false
-    }
+
     fn score(&mut self, order: u32, value: Rgb) {
         self.add(order, value);
     }

@@ -164,11 +164,10 @@ impl Motion {
                 "move it a little off what it touches, or give it a beam_width below its cutoff_angle",
             ));
         }
-        let smooth = |s: &&crate::scene::Instance| scene.surfaces[s.surface as usize].is_smooth();
-        if let Some(s) = scene.shapes.iter().find(smooth) {
+        let mut smooth = scene.shapes.iter().filter(|s| scene.surfaces[s.surface as usize].is_smooth());
+        if let Some(s) = smooth.next() {
             let lights = self.lights.iter().any(|l| l.position || l.direction || l.angles);
-            let index =
-                scene.shapes.iter().filter(smooth).any(|s| scene.surfaces[s.surface as usize].refracts_by(params));
+            let index = scene.surfaces.iter().any(|s| s.refracts_by(params));
             if self.surfaces() || lights || index {
                 return Err(Error::usage(
                     format!(

@@ -23,7 +23,7 @@ use crate::scene::Scene;
 use crate::surface::Surface;
 use crate::transport::camera_line;
 use crate::transport::first::Seen;
-use crate::transport::record::{Event, MediumSpan, Recorder};
+use crate::transport::record::{MediumSpan, Recorder};
 use crate::transport::walk::{Stage, State, Walker};
 use std::sync::Arc;
 
@@ -176,12 +176,6 @@ impl Path {
 impl Recorder for Path {
     const ON: bool = false;
     const CONNECTS: bool = false;
-    fn push(&mut self, _: Event) {}
-    fn side_span(&mut self, _: MediumSpan) {}
-    fn side_len(&self) -> u32 {
-        0
-    }
-    fn side_truncate(&mut self, _: u32) {}
 
     /// Called once a stage: the walk scatters at these, if it may.
     fn checkpoint(&mut self, scene: &Scene, s: &State) -> bool {

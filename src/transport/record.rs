@@ -148,14 +148,18 @@ pub trait Recorder {
     const ON: bool;
     /// Whether vertices are connected to lights. `false` leaves the path alone, with other random numbers.
     const CONNECTS: bool = true;
-    fn push(&mut self, e: Event);
-    fn side_span(&mut self, s: MediumSpan);
+    fn push(&mut self, _e: Event) {}
+    fn side_span(&mut self, _s: MediumSpan) {}
     /// Number of side spans so far, to name a range of them.
-    fn side_len(&self) -> u32;
+    fn side_len(&self) -> u32 {
+        0
+    }
     /// Forget the side spans from this one on.
-    fn side_truncate(&mut self, len: u32);
-    /// Called before every flight; true stops the walk there (regeneration of one chunk).
-    fn checkpoint(&mut self, scene: &Scene, state: &State) -> bool;
+    fn side_truncate(&mut self, _len: u32) {}
+    /// Called before every stage; true stops the walk there (regeneration of one chunk).
+    fn checkpoint(&mut self, _scene: &Scene, _state: &State) -> bool {
+        false
+    }
     /// A medium span of the camera line without end and without extinction: no candidate can be drawn.
     fn unbounded(&mut self, _medium: u32) {}
     /// The bit in [`State::left`] of a light that moves: its connections are then recorded as [`Event::Aim`] too.
@@ -183,15 +187,6 @@ pub struct NoRecord;
 
 impl Recorder for NoRecord {
     const ON: bool = false;
-    fn push(&mut self, _: Event) {}
-    fn side_span(&mut self, _: MediumSpan) {}
-    fn side_len(&self) -> u32 {
-        0
-    }
-    fn side_truncate(&mut self, _: u32) {}
-    fn checkpoint(&mut self, _: &Scene, _: &State) -> bool {
-        false
-    }
 }
 
 /// One chunk of events, and the states at the starts of all chunks but the first.

@@ -434,6 +434,12 @@ fn outlines_have_paths_of_their_own() {
         .replace(r#"value="32"/><integer name="height" value="32""#, r#"value="40"/><integer name="height" value="40""#)
         .replace(r#"name="fov" value="30""#, r#"name="fov" value="42""#)
         .replace(r#"target="0.15, 0, -0.1""#, r#"target="0, -0.2, 0""#);
+    assert!(
+        text.contains(r#"fov" value="42""#)
+            && text.contains(r#"width" value="40""#)
+            && text.contains(r#"max_depth" value="4""#)
+    );
+    assert!(text.contains(r#"target="0, -0.2, 0""#));
     let errors = [1, 2, 3, 4].map(|seed| {
         let (desc, sc) = scene(&text);
         let p = params(&desc, &sc, &["sphere_x"]);
