@@ -27,6 +27,8 @@ pub struct Borders {
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     pub medium: u32,
+    /// Start of the ray.
+    pub o: DVec3,
     pub p: DVec3,
     pub w: DVec3,
     pub on: Face,
@@ -57,7 +59,7 @@ impl Borders {
             let n = scene.shapes[face.shape as usize].shape.normal(face.face, p);
             let cos = n.dot(span.w);
             let form = n * (sign / cos);
-            form.is_finite().then_some(Place { medium: span.medium, p, w: span.w, on: face, form })
+            form.is_finite().then_some(Place { medium: span.medium, o: span.o, p, w: span.w, on: face, form })
         };
         [place(span.from, span.t0, -1.0), place(span.to, span.t1, 1.0)]
     }
@@ -69,6 +71,13 @@ impl Place {
         let mut c = Covector::default();
         c.add(self.form, value);
         scene.matter(self.on.shape, self.on.face).point(self.p, &c, sink);
+    }
+
+    /// A point of the medium right at the border. Rounding puts `p` on either side of it, and a path that starts in the medium on the wrong side
+    /// does not find the way out where it grazes the border.
+    pub fn inside(&self, scene: &Scene) -> DVec3 {
+        let rounding = scene.tolerance(self.o).max(scene.tolerance(self.p));
+        self.p - self.form.normalize() * rounding
     }
 
     /// How much the place is worth as a candidate, for a weight of 1.

@@ -476,7 +476,7 @@ impl Sweep<'_> {
             }
             Vertex::Border(place) => {
                 let medium = Some(place.medium);
-                s = State { stage: Stage::Medium, o: place.p, w: place.w, medium, ..s };
+                s = State { stage: Stage::Medium, o: place.inside(self.scene), w: place.w, medium, ..s };
                 w.run(s);
                 let sigma_s = self.scene.media[place.medium as usize].coefficients(place.p).1;
                 place.score(self.scene, w.value * weight * sigma_s, sink);
