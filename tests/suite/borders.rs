@@ -87,6 +87,41 @@ fn the_term_is_a_term() {
     }
 }
 
+/// A path that starts right at a border finds its way out, however flat: from the rounded point itself some do not, and their light is lost.
+#[test]
+fn light_scattered_at_a_border_leaves_the_medium() {
+    use tyndall::math::rng::Rng;
+    use tyndall::scene::On;
+    use tyndall::transport::border::Borders;
+    use tyndall::transport::record::MediumSpan;
+    let (desc, sc) = scene(&cloud(CUBE, POINT));
+    let borders = Borders::new(&sc, &params(&desc, &sc, &["x"]));
+    let mut rng = Rng::keyed(8, 0, 0, 0);
+    let mut direction = || DVec3::new(rng.uniform() - 0.5, rng.uniform() - 0.5, rng.uniform() - 0.5).normalize();
+    let (mut places, mut lost) = (0, 0);
+    for _ in 0..20_000 {
+        let (o, w) = (DVec3::new(0.0, 1.2, 4.0), (direction() * 0.4 + DVec3::new(0.1, -0.3, -4.0)).normalize());
+        let Some(entry) = sc.boundary(o, w, f64::INFINITY, &On::default(), None) else { continue };
+        let on = On::at(&entry);
+        let exit = sc.boundary(entry.p, w, f64::INFINITY, &on, Some(0)).expect("what goes in comes out");
+        let span = MediumSpan::new(0, entry.p, w, exit.t, &on, Some(&exit));
+        for place in borders.ends(&sc, &span).into_iter().flatten() {
+            let n = place.form.normalize();
+            // 1e-4 rad off the border, on its outer side.
+            let flat = direction();
+            let flat = ((flat - n * flat.dot(n)).normalize() + n * 1e-4).normalize();
+            let leaves =
+                |p: DVec3| sc.boundary(p, flat, f64::INFINITY, &On::default(), Some(0)).is_some_and(|h| h.t < 1e-8);
+            assert!(leaves(place.inside(&sc)), "{place:?} {flat}");
+            assert!((place.inside(&sc) - place.p).length() < 1e-12);
+            places += 1;
+            lost += usize::from(!leaves(place.p));
+        }
+    }
+    // Otherwise this test shows nothing.
+    assert!(places > 10_000 && lost > 100, "{lost} of {places}");
+}
+
 /// The smoke of scenes/fire moves, turns and grows in a box that stands still, and in one that goes along.
 fn smoke(box_shift: &str) -> String {
     format!(
