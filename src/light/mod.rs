@@ -136,6 +136,14 @@ impl Light {
         }
     }
 
+    /// How that light changes with w, per channel; `None` where it is the same from everywhere.
+    pub fn escape_slope(&self, w: DVec3) -> Option<[DVec3; 3]> {
+        let LightKind::Envmap(e) = &self.kind else { return None };
+        let slope = e.slope(w);
+        // Linear in the map's radiance.
+        Some(std::array::from_fn(|c| slope[c] * self.emission(Rgb::ONE).color()[c]))
+    }
+
     /// The direction toward a light at infinity without extent.
     pub fn single_direction(&self) -> Option<DVec3> {
         match self.kind {

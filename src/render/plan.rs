@@ -103,7 +103,9 @@ impl Term {
         let unknown = m.ior || m.interface || m.other_volume;
         match self {
             Term::P => !(m.environment || m.other_volume),
-            Term::M | Term::G | Term::R | Term::H | Term::E1 | Term::E2 | Term::E3 => !unknown,
+            Term::M => !m.other_volume,
+            Term::S => true,
+            Term::G | Term::R | Term::H | Term::E1 | Term::E2 | Term::E3 => !unknown,
             Term::N => !unknown && !m.box_border,
             _ => false,
         }
@@ -129,9 +131,9 @@ pub struct Facts {
     /// The density of some medium jumps at a visible border (its box, its shape).
     pub border_jump: bool,
     pub dielectric: bool,
-    /// A dielectric with flat facets.
+    /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,
-    /// Something with an outline or border (occluder, lamp, medium border) can be seen or cast through an interface.
+    /// Something with an outline (occluder, lamp) can be seen or cast by way of an interface.
     pub beyond_interface: bool,
     /// A zero-measure light whose light has to cross an interface.
     pub light_across_interface: bool,
@@ -215,17 +217,17 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(seen && f.zero_measure_light && f.reflecting, &[R], "hits ride on camera rays through shadows");
 
     let anything = m.opaque || m.camera || m.zero_measure_light || m.area_light;
+    // No D: where medium points go with what their ray meets ([T] (58), (60)) no face is swept.
     add(m.ior, &[S], "the refractive index changes");
-    add(m.ior && f.medium, &[D], "path segments inside end at the interface");
     add(m.interface, &[S], "an interface moves");
-    add(m.interface && f.medium, &[D], "path segments inside end at the interface");
+    add(m.interface && f.medium, &[M], "medium points near an interface that moves go with it");
+    add(m.camera && f.dielectric, &[S], "camera rays turn at interfaces");
     let specular = m.ior || m.interface;
     add(specular && f.light_across_interface, &[C], "a zero-measure light shines through an interface");
     add(specular && f.hard_profile, &[H], "the beam has a hard edge");
     add(m.ior && f.beyond_interface, &[E1, VE], "outlines are seen through the interface");
     add(m.ior && f.beyond_interface && f.medium, &[E2], "refracted vertices see static edges");
     add(m.ior && f.beyond_interface && f.reflecting, &[E3], "refracted hits see static edges");
-    add(m.ior && f.beyond_interface && f.border_jump, &[N], "refracted segments end at static borders");
     let across = specular && f.beyond_interface && f.light_across_interface && f.occluders;
     add(across && f.medium, &[G], "a point light casts shadows across an interface");
     add(across && f.reflecting, &[R], "a point light casts shadows across an interface");
@@ -234,6 +236,7 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(facets && f.medium, &[E2], "the refracted direction jumps at facet edges");
     add(facets && f.reflecting, &[E3], "the refracted direction jumps at facet edges");
     add(m.interface && f.beyond_interface, &[VE], "edges are seen through a moving interface");
+    add(anything && f.polygonal_dielectric, &[VE], "rays part at the edges of an interface");
     add(
         anything && f.dielectric && f.occluders && f.beyond_interface,
         &[VE],
@@ -320,7 +323,8 @@ impl Plan {
                 all.entry(term).or_insert_with(|| format!("{why} ({name})"));
             }
             let matter = motion.opaque || motion.area_light || motion.camera;
-            if facts.dielectric && (matter || motion.zero_measure_light || motion.profile) {
+            let light = motion.zero_measure_light || motion.profile;
+            if facts.dielectric && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface)) {
                 let why = "what moves may be seen or lit by way of an interface";
                 missing.push((name.clone(), Term::S, why));
                 all.entry(Term::S).or_insert_with(|| format!("{why} ({name})"));
@@ -375,7 +379,11 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     };
     let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
     let through = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. });
-    let flat = |k: &ShapeKind<f64>| !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Cylinder { .. });
+    // The border of an open interface counts as out of sight (`term::interfaces`).
+    let edged = |k: &ShapeKind<f64>| {
+        !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Rectangle { .. } | ShapeKind::Disk { .. })
+    };
+    let outlined = |s: usize| opaque(s) && !smooth(s);
     let local = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Point { .. } | LightKindPart::Spot { .. });
     let distant = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Directional { .. });
     let zero_measure_light = p.lights.iter().any(|l| local(&l.kind) || distant(&l.kind));
@@ -395,9 +403,9 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
-        polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && flat(&s.kind)),
+        polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && edged(&s.kind)),
         // Whatever there is besides, or behind, may be seen in it.
-        beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && (solid.len() > 1 || !p.media.is_empty()),
+        beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
     }
 }

@@ -13,6 +13,7 @@ pub mod light_centred;
 pub mod line;
 pub mod motion;
 pub mod piece;
+pub mod ray;
 pub mod record;
 pub mod specular;
 pub mod sweep;

@@ -4,7 +4,8 @@
 //! Memory is bounded: a path longer than `CHUNK` events keeps checkpoints, and the sweep regenerates one chunk at a time.
 
 use super::aim::Aim;
-use super::first::Opening;
+use super::first::{Leg, Opening};
+use super::ray::Specular;
 use super::sweep::Candidates;
 use super::walk::{Flight, State};
 use crate::light::{Arrival, Emission};
@@ -122,6 +123,8 @@ pub enum Event {
     Turn { medium: u32, one_minus_mu: f64 },
     /// A reflection: factor rho. `prefix.beta/r` before it, for the candidate at small rho.
     Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
+    /// A smooth surface turned the ray: factor F, or (1 - F) η².
+    Specular(Specular),
     /// Light met by the walk: `weight x emission` was added.
     Emit { weight: Rgb, emission: Emission, end: End },
     /// Emission of the medium at a point of a span: `weight x via.sigma x L_e` was added, `emission` is L_e; own spans.
@@ -201,6 +204,8 @@ pub struct PathRecord {
     pub chunk: usize,
     /// Lights that move, by their bits; 0 for the others.
     pub moving: Vec<u64>,
+    /// Legs of all chains so far ([`Opening`]).
+    pub legs: Vec<Leg>,
     opening: Opening,
     unused: Rng,
 }
@@ -214,16 +219,18 @@ impl PathRecord {
             candidates: None,
             chunk: CHUNK,
             moving: Vec::new(),
+            legs: Vec::new(),
             opening: Opening::default(),
             unused: Rng::keyed(0, 0, 0, 0),
         }
     }
 
-    /// Ready for a new path.
-    pub fn begin(&mut self, candidates: Option<Candidates>) {
+    /// Ready for a new path, or for a chunk that begins so.
+    pub fn begin(&mut self, candidates: Option<Candidates>, opening: Opening) {
         self.events.clear();
         self.side.clear();
-        self.opening = Opening::default();
+        self.legs.truncate(opening.legs[1] as usize);
+        self.opening = opening;
         self.candidates = candidates;
     }
 }
@@ -238,7 +245,7 @@ impl Recorder for PathRecord {
     const ON: bool = true;
 
     fn push(&mut self, e: Event) {
-        self.opening.follow(&e);
+        self.legs.extend(self.opening.follow(&e));
         self.events.push(e);
     }
 

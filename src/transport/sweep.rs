@@ -14,7 +14,7 @@
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
 use super::border::{Borders, Place};
-use super::chained::Starts;
+use super::chained::{Start, Starts};
 use super::first::Opening;
 use super::motion::{Chain, Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
@@ -263,7 +263,7 @@ impl Sweep<'_> {
         rec.chunk_starts.clear();
         rec.moving.clone_from(&self.facts.lights);
         state.aside = state.rng.beside(derivative.next_u64());
-        rec.begin(Some(Candidates::new(&self.facts, derivative)));
+        rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
         let first = state.clone();
         let mut w = Walker::new(self.scene, self.set, rec);
         let s = camera_line::start(&mut w, state);
@@ -279,7 +279,8 @@ impl Sweep<'_> {
         let mut after = self.backward(rec, open, Rgb::ZERO, &mut chain, sink);
         let starts = std::mem::take(&mut rec.chunk_starts);
         for k in (0..starts.len()).rev() {
-            rec.begin(None);
+            let open = if k == 0 { Opening::default() } else { starts[k - 1].1 };
+            rec.begin(None, open);
             let mut w = Walker::new(self.scene, self.set, rec);
             if k == 0 {
                 let s = camera_line::start(&mut w, first.clone());
@@ -287,7 +288,6 @@ impl Sweep<'_> {
             } else {
                 w.run(starts[k - 1].0.clone());
             }
-            let open = if k == 0 { Opening::default() } else { starts[k - 1].1 };
             after = self.backward(rec, open, after, &mut chain, sink);
         }
         rec.chunk_starts = starts;
@@ -303,12 +303,13 @@ impl Sweep<'_> {
         chain: &mut Chain,
         sink: &mut impl Sink,
     ) -> Rgb {
-        let mut starts = Starts::new(self.scene, &self.facts.moving, &rec.events, open);
+        let mut starts = Starts::new(self.scene, &self.facts.moving, rec, open);
         for (k, e) in rec.events.iter().enumerate().rev() {
             if let Some(start) = starts.at(k) {
                 let moving = &self.facts.moving;
+                let Start { first, ray, .. } = start;
                 let mut cx =
-                    Chained { scene: self.scene, sensor: self.sensor, moving, first: &start.first, after: false, sink };
+                    Chained { scene: self.scene, sensor: self.sensor, moving, ray, first, after: false, sink };
                 start.event(&mut cx, chain, rec, k, after);
             }
             after = self.event(rec, e, after, sink);
@@ -320,7 +321,7 @@ impl Sweep<'_> {
     fn event(&self, rec: &PathRecord, e: &Event, mut after: Rgb, sink: &mut impl Sink) -> Rgb {
         match e {
             Event::Chain => after = Rgb::ZERO,
-            Event::Candidate { .. } => {}
+            Event::Candidate { .. } | Event::Specular(_) => {}
             Event::Ends { span, start, end, depth } => self.glow_at_ends(span, [*start, *end], *depth, sink),
             Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
             Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),

@@ -14,6 +14,8 @@ pub enum Source {
     Light(u32),
     /// As part of its film point's ray.
     Camera,
+    /// Along x, with a slot that is no motion: an index of refraction.
+    Value(Slot),
 }
 
 impl Source {
@@ -32,6 +34,7 @@ fn point(scene: &Scene, sensor: &Sensor, source: Source, p: DVec3, c: &Covector,
             (0..3).for_each(|i| sink.add(first + i as Slot, c.0[i]));
         }
         Source::Camera => sensor.point(p, c, sink),
+        Source::Value(slot) => sink.add(slot, c.0[0]),
     }
 }
 
@@ -54,6 +57,11 @@ impl Velocity {
         Velocity(vec![(source, p, DMat3::IDENTITY)])
     }
 
+    /// What goes with a slot, `ẋ = ṡ v`.
+    pub fn value(slot: Slot, v: DVec3) -> Velocity {
+        Velocity(vec![(Source::Value(slot), DVec3::ZERO, DMat3::from_cols(v, DVec3::ZERO, DVec3::ZERO))])
+    }
+
     pub fn is_zero(&self) -> bool {
         self.0.is_empty()
     }
@@ -68,7 +76,14 @@ impl Velocity {
     #[must_use]
     pub fn plus(mut self, w: f64, other: &Velocity) -> Velocity {
         if w != 0.0 {
-            self.0.extend(other.0.iter().map(|&(s, p, m)| (s, p, m * w)));
+            for &(s, p, m) in &other.0 {
+                // Rays that go through many interfaces meet the same indices again and again.
+                let same = |x: &&mut (Source, DVec3, DMat3)| matches!(s, Source::Value(_)) && x.0 == s;
+                match self.0.iter_mut().find(same) {
+                    Some(x) => x.2 += m * w,
+                    None => self.0.push((s, p, m * w)),
+                }
+            }
         }
         self
     }
@@ -88,6 +103,7 @@ impl Velocity {
                 Source::Shape { shape, face } => scene.matter(*shape, *face).forms(*p, c, &mut out),
                 Source::Light(k) => out(Partial { slot: scene.lights[*k as usize].place.position, v: c, len: 3 }),
                 Source::Camera => sensor.forms(*p, c).into_iter().for_each(&mut out),
+                Source::Value(slot) => out(Partial { slot: *slot, v: c, len: 1 }),
             }
         }
     }

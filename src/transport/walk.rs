@@ -68,8 +68,8 @@ pub struct State {
     pub unit_reflectance: bool,
     /// The second chain: the unscattered part of the camera line.
     pub pending: Option<Box<State>>,
-    /// Spans of the camera line up to here, for the records of all chains that begin with them.
-    pub lead: Option<Arc<[MediumSpan]>>,
+    /// Spans of the camera line up to here, and what turned it, for the records of all chains that begin with them.
+    pub lead: Option<Arc<[Event]>>,
     /// Nothing but smooth interfaces has turned it since the camera.
     pub direct: bool,
     /// Of these the last ones.
@@ -214,8 +214,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
         };
         let medium = &scene.media[id as usize];
         let connects = R::CONNECTS && scene.has_local_lights() && self.may_scatter(s.depth + 1);
-        if !medium.is_homogeneous() || connects {
-            // The whole span is needed: for the grid's traversal, or for the equi-angular connection.
+        if !medium.is_homogeneous() || connects || s.in_a_row > 0 {
+            // The whole span is needed: for the grid's traversal, for the equi-angular connection, or for how points behind an interface move.
             let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
             let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());
