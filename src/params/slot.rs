@@ -32,6 +32,8 @@ pub enum Quantity {
     Direction,
     /// Beam width and cutoff of a spot, radians.
     Angles,
+    /// Of a beam.
+    Radius,
     /// Motion of a shape or camera: displacement of its pivot, world space.
     Shift,
     /// The linear part of its motion about the pivot, row by row ([`super::Mover`]).
@@ -56,6 +58,7 @@ impl Quantity {
             Quantity::Position => "position",
             Quantity::Direction => "direction",
             Quantity::Angles => "angles",
+            Quantity::Radius => "radius",
             Quantity::Shift => "shift",
             Quantity::Deformation => "deformation",
             Quantity::Lens => "lens",
@@ -65,8 +68,8 @@ impl Quantity {
 
     /// Whether it is a value at fixed points; otherwise something moves.
     pub fn is_value(self) -> bool {
-        use Quantity::{Angles, Deformation, Direction, Ior, Lens, Position, Shift, Vertices};
-        !matches!(self, Ior | Position | Direction | Angles | Shift | Deformation | Lens | Vertices)
+        use Quantity::{Angles, Deformation, Direction, Ior, Lens, Position, Radius, Shift, Vertices};
+        !matches!(self, Ior | Position | Direction | Angles | Radius | Shift | Deformation | Lens | Vertices)
     }
 }
 

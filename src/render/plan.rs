@@ -105,7 +105,8 @@ impl Term {
             Term::P => !(m.environment || m.other_volume),
             Term::M => !m.other_volume,
             Term::S => true,
-            Term::G | Term::R | Term::H | Term::E1 | Term::E2 | Term::E3 => !unknown,
+            Term::H => !m.other_volume,
+            Term::G | Term::R | Term::E1 | Term::E2 | Term::E3 => !unknown,
             Term::N => !unknown && !m.box_border,
             _ => false,
         }
@@ -122,11 +123,15 @@ pub struct Facts {
     pub reflecting: bool,
     /// Opaque things that can stand between a light and what it lights (a lamp's own shape alone does not).
     pub occluders: bool,
-    /// Point, spot, directional or collimated light.
+    /// Point, spot or directional light.
     pub zero_measure_light: bool,
     /// Of those, one with a position.
     pub local_light: bool,
     pub hard_profile: bool,
+    /// A collimated beam.
+    pub beam: bool,
+    /// And something opaque that may stand in it.
+    pub cut_beam: bool,
     pub area_light: bool,
     /// The density of some medium jumps at a visible border (its box, its shape).
     pub border_jump: bool,
@@ -154,12 +159,14 @@ pub struct Motion {
     pub border: bool,
     /// That border is the box of a grid.
     pub box_border: bool,
-    /// Point, spot, directional or collimated light.
+    /// Point, spot or directional light.
     pub zero_measure_light: bool,
     /// Of those, one with a position moves its position.
     pub local_light: bool,
-    /// Angles of a spot, radius of a beam.
+    /// Angles of a spot.
     pub profile: bool,
+    /// A collimated beam: where it is, its direction, its radius.
+    pub beam: bool,
     pub area_light: bool,
     pub opaque: bool,
     pub camera: bool,
@@ -197,6 +204,10 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     let followed = m.local_light && f.hard_profile && f.medium && f.occluders;
     add(followed, &[E2], "points of a medium follow a hard-edged light that stands in it");
     add(followed && f.reflecting, &[E3], "points of a medium follow a hard-edged light that stands in it");
+    add(m.beam, &[M], "a beam moves, or its profile changes");
+    add(m.beam && f.hard_profile, &[H], "its profile has a hard edge");
+    let any = m.beam || m.opaque || m.area_light || m.camera || m.ior || m.interface || m.zero_measure_light;
+    add(any && f.cut_beam, &[C], "something opaque may stand in a beam");
     let shadow = m.zero_measure_light && f.occluders;
     add(shadow && f.medium, &[G], "a light moves, occluders cast shadows in a medium");
     add(shadow && f.reflecting, &[R], "a light moves, occluders cast shadows on surfaces");
@@ -224,6 +235,7 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(m.camera && f.dielectric, &[S], "camera rays turn at interfaces");
     let specular = m.ior || m.interface;
     add(specular && f.light_across_interface, &[C], "a zero-measure light shines through an interface");
+    add(specular && f.beam, &[M], "a beam shines through an interface");
     add(specular && f.hard_profile, &[H], "the beam has a hard edge");
     add(m.ior && f.beyond_interface, &[E1, VE], "outlines are seen through the interface");
     add(m.ior && f.beyond_interface && f.medium, &[E2], "refracted vertices see static edges");
@@ -386,6 +398,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     let outlined = |s: usize| opaque(s) && !smooth(s);
     let local = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Point { .. } | LightKindPart::Spot { .. });
     let distant = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Directional { .. });
+    let beam = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Beam { .. });
     let zero_measure_light = p.lights.iter().any(|l| local(&l.kind) || distant(&l.kind));
     let solid: Vec<_> = p.shapes.iter().filter(|s| opaque(s.surface)).collect();
     Facts {
@@ -398,8 +411,11 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         local_light: p.lights.iter().any(|l| local(&l.kind)),
         hard_profile: p.lights.iter().any(|l| match l.kind {
             LightKindPart::Spot { beam, cutoff, .. } => beam >= cutoff,
+            LightKindPart::Beam { gaussian, .. } => !gaussian,
             _ => false,
         }),
+        beam: p.lights.iter().any(|l| beam(&l.kind)),
+        cut_beam: p.lights.iter().any(|l| beam(&l.kind)) && p.shapes.iter().any(|s| outlined(s.surface)),
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
@@ -450,6 +466,11 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
         }
         match what {
             Movable::Shape(i) => m.shape(p, i),
+            Movable::LightPosition(i) | Movable::LightDirection(i) | Movable::LightProfile(i)
+                if matches!(p.lights[i].kind, LightKindPart::Beam { .. }) =>
+            {
+                m.beam = true;
+            }
             Movable::LightPosition(_) => {
                 m.zero_measure_light = true;
                 m.local_light = true;

@@ -1,5 +1,6 @@
 //! From parts to a scene that can be rendered: files are loaded, Embree is built, media and lights get their tables.
 
+use super::beams::Beams;
 use super::desc::SceneDesc;
 use super::geometry::Group;
 use super::parts::{LightKindPart, MediumPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart};
@@ -121,9 +122,11 @@ impl Scene {
             distant: Vec::new(),
             local: Discrete::default(),
             embedded: Discrete::default(),
+            beams: Beams::default(),
         };
         let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();
         scene.prepare_lights(&named);
+        scene.prepare_beams();
         if can_move(desc, &scene)? {
             scene.uniform_share = UNIFORM_SHARE;
         }
@@ -335,6 +338,11 @@ fn light(l: &super::parts::LightPart<f64>, owner: Owner, slots: &SlotTable) -> R
             LightKind::Spot { position: m.translation, axis, beam: *beam, cutoff: *cutoff }
         }
         LightKindPart::Directional { direction } => LightKind::Directional { direction: direction.value() },
+        LightKindPart::Beam { to_world, radius, gaussian } => {
+            let m = to_world.affine();
+            let direction = m.transform_vector3(DVec3::Z).normalize();
+            LightKind::Beam { position: m.translation, direction, radius: *radius, gaussian: *gaussian }
+        }
         LightKindPart::Area { shape } => LightKind::Area { shape: *shape as u32 },
         LightKindPart::Constant => LightKind::Constant,
         LightKindPart::Envmap { path, to_world } => {
@@ -354,6 +362,7 @@ fn light(l: &super::parts::LightPart<f64>, owner: Owner, slots: &SlotTable) -> R
         position: slot_of(slots, owner, Quantity::Position),
         direction: slot_of(slots, owner, Quantity::Direction),
         angles: slot_of(slots, owner, Quantity::Angles),
+        radius: slot_of(slots, owner, Quantity::Radius),
     };
     Ok(Light { name: l.name.clone(), kind, value: Rgb(l.value), slot: slot_of(slots, owner, quantity), place })
 }

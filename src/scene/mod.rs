@@ -1,6 +1,7 @@
 //! Scenes: from a description (XML) to what can be rendered.
 
 pub mod advice;
+pub mod beams;
 pub mod arrays;
 pub mod compile;
 pub mod desc;
@@ -146,6 +147,8 @@ pub struct Scene {
     /// All lights for connections if they are few, more than one, and at infinity; otherwise none.
     pub distant: Vec<u32>,
     pub local: Discrete,
+    /// Ways of collimated beams.
+    pub beams: beams::Beams,
     /// Of every light that stands in a medium, for the light-centred one.
     pub embedded: Discrete,
 }

@@ -130,6 +130,8 @@ pub enum LightKindPart<R> {
     Point { position: V3<R> },
     Spot { to_world: Mat4<R>, beam: R, cutoff: R },
     Directional { direction: V3<R> },
+    /// From the origin along +z of `to_world`.
+    Beam { to_world: Mat4<R>, radius: R, gaussian: bool },
     Area { shape: usize },
     Constant,
     Envmap { path: PathBuf, to_world: Mat4<R> },
@@ -147,6 +149,11 @@ impl<R: Real> LightKindPart<R> {
                 (Quantity::Angles, vec![*beam, *cutoff]),
             ],
             LightKindPart::Directional { direction } => vec![(Quantity::Direction, list(*direction))],
+            LightKindPart::Beam { to_world, radius, .. } => vec![
+                (Quantity::Position, list(to_world.column(3))),
+                (Quantity::Direction, list(to_world.vector(V3::constant(DVec3::Z)).normalize())),
+                (Quantity::Radius, vec![*radius]),
+            ],
             LightKindPart::Area { .. } | LightKindPart::Constant | LightKindPart::Envmap { .. } => Vec::new(),
         }
     }

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 const SHAPES: [&str; 7] = ["obj", "ply", "rectangle", "cube", "disk", "sphere", "cylinder"];
 const BSDFS: [&str; 5] = ["diffuse", "dielectric", "conductor", "null", "twosided"];
-const EMITTERS: [&str; 6] = ["area", "point", "spot", "directional", "constant", "envmap"];
+const EMITTERS: [&str; 7] = ["area", "point", "spot", "directional", "collimated", "constant", "envmap"];
 const MEDIA: [&str; 2] = ["homogeneous", "heterogeneous"];
 const VOLUMES: [&str; 3] = ["constvolume", "gridvolume", "openvdb"];
 const PHASES: [&str; 2] = ["isotropic", "hg"];
@@ -242,6 +242,19 @@ impl<R: Real> Reader<'_, R> {
                 let length = d.value().length();
                 require(n, "direction", length > 0.0, "direction is zero".into(), "give a vector of some length")?;
                 (LightKindPart::Directional { direction: d.normalize() }, n.rgb(env, "irradiance", 1.0)?, "irradiance")
+            }
+            "collimated" => {
+                let radius: R = n.float(env, "radius", 1.0)?;
+                let r = radius.value();
+                require(n, "radius", r > 0.0, format!("radius is {r}"), "a beam has some width")?;
+                let profile = n.string("profile", "hard")?;
+                let known = ["hard", "gaussian"].contains(&profile.as_str());
+                require(n, "profile", known, format!("profile is `{profile}`"), "use hard or gaussian")?;
+                let to_world = n.transform(env, "to_world")?;
+                let length = to_world.vector(V3::constant(DVec3::Z)).value().length();
+                require(n, "to_world", length > 0.0, "to_world has no axis".into(), "it must not flatten z")?;
+                let kind = LightKindPart::Beam { to_world, radius, gaussian: profile == "gaussian" };
+                (kind, n.rgb(env, "irradiance", 1.0)?, "irradiance")
             }
             "constant" => (LightKindPart::Constant, n.rgb(env, "radiance", 1.0)?, "radiance"),
             "envmap" => {

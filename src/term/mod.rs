@@ -13,6 +13,7 @@ pub mod ends;
 pub mod follows;
 pub mod grazing;
 pub mod grazing_line;
+pub mod hard_beam;
 pub mod hard_profile;
 pub mod interfaces;
 pub mod light_shadow;

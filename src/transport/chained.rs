@@ -1,6 +1,6 @@
 //! What the events of a record mean for the motion of its chains ([`super::motion`]).
 
-use super::first::{FilmLine, First, Opening};
+use super::first::{FilmLine, First, Nth, Opening};
 use super::motion::{Chain, Chained, Moving};
 use super::ray::MovingRay;
 use super::record::{End, Event, PathRecord};
@@ -81,6 +81,21 @@ impl Starts {
         Starts(list)
     }
 
+    /// The leg that event `k` belongs to, and which of its vertices comes next there.
+    pub fn next_at(&self, k: usize) -> Option<(&Start, Nth)> {
+        let start = self.0.iter().rev().find(|s| s.begin <= k)?;
+        let passed = |at: At| match at {
+            At::Before => true,
+            At::Event(e) => e < k,
+            At::Nowhere => false,
+        };
+        Some(match (passed(start.place), passed(start.second)) {
+            (false, _) => (start, Nth::First),
+            (true, false) => (start, Nth::Second),
+            (true, true) => (start, Nth::Later),
+        })
+    }
+
     /// The leg that event `k` belongs to; `k` must not grow from call to call.
     pub fn at(&mut self, k: usize) -> Option<&Start> {
         while self.0.len() > 1 && self.0.last().is_some_and(|s| k < s.begin) {
@@ -91,6 +106,10 @@ impl Starts {
 }
 
 impl Start {
+    pub fn line<'a>(&'a self, scene: &'a Scene, moving: &'a Moving) -> FilmLine<'a> {
+        FilmLine { scene, moving, ray: &self.ray }
+    }
+
     /// Event `k` of a record, `after` having been collected behind it.
     pub fn event<S: Sink>(&self, cx: &mut Chained<S>, chain: &mut Chain, rec: &PathRecord, k: usize, after: Rgb) {
         // On the camera line, before any vertex.

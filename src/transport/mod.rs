@@ -2,6 +2,8 @@
 
 pub mod aim;
 pub mod attach;
+pub mod beam;
+pub mod beam_motion;
 pub mod beside;
 pub mod border;
 pub mod camera_line;

@@ -12,6 +12,7 @@
 //!
 //! Silhouettes have rooms of their own.
 
+use super::beam_motion::Connection;
 use super::field::{Field, classes};
 use super::first::{FilmLine, First, Met, Nth, Seen};
 use super::piece::{Piece, Stop};
@@ -23,6 +24,7 @@ use crate::light::{LightKind, spot_falloff};
 use crate::math::{DVec3, Rgb, gradient};
 use crate::params::{Covector, ParamSet, Sink};
 use crate::phase::one_minus_cos;
+use crate::scene::beams::Way;
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
 use std::sync::Arc;
@@ -52,7 +54,8 @@ impl Moving {
         let bending: Vec<bool> = scene.shapes.iter().map(|s| s.bends(params)).collect();
         let followed: Vec<u32> = (0..scene.lights.len() as u32).filter(|&i| follows(scene, params, i)).collect();
         let refracting: Vec<bool> = scene.surfaces.iter().map(|s| s.refracts_by(params)).collect();
-        let changes = camera || !followed.is_empty() || refracting.contains(&true);
+        let beams = scene.lights.iter().any(|l| matches!(l.kind, LightKind::Beam { .. }) && l.place.moves(params));
+        let changes = camera || beams || !followed.is_empty() || refracting.contains(&true);
         let any = changes || classes.iter().any(Option::is_some);
         Ok(Moving {
             any,
@@ -158,6 +161,8 @@ enum Tip {
     Point(u32),
     /// A direction, unit.
     Infinity(DVec3),
+    /// A way of a beam.
+    Beam(u32),
 }
 
 /// A segment that leaves the vertex at hand, and all that was collected along it.
@@ -216,6 +221,7 @@ impl<S: Sink> Chained<'_, S> {
                 Tip::Surface { shape, face, p, n, carried, spread, at, turn }
             }
             End::Point(light) => Tip::Point(light),
+            End::Beam(way) => Tip::Beam(way),
             End::Infinity(w) => Tip::Infinity(w),
         }
     }
@@ -410,22 +416,8 @@ impl<'a> Vertex<'a> {
         after
     }
 
-    /// `first`: this vertex as the path's first, if it is that.
-    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: Leg, first: Option<&First>) {
-        let (x, value, scene) = (self.p(), leg.value, cx.scene);
-        let (p, w, d) = match &leg.tip {
-            Tip::Surface { p, .. } | Tip::Medium { p, .. } => (*p, (*p - x).normalize(), (*p - x).length()),
-            Tip::Point(light) => {
-                let Some(p) = scene.lights[*light as usize].center() else { return };
-                (p, (p - x).normalize(), (p - x).length())
-            }
-            Tip::Infinity(w) => (x, *w, f64::INFINITY),
-        };
-        // On ż - ẋ, and apart from each other.
-        let mut between = Covector::default();
-        let mut near = Covector::default();
-        between.add(w, value * (-2.0 / d));
-        // How the direction turns is across/d of ż - ẋ.
+    /// What scattering toward w asks of how w turns; what it asks of the vertex is added to it.
+    fn scattered(&mut self, scene: &Scene, w: DVec3, value: Rgb) -> Covector {
         let mut turning = Covector::default();
         match self.place {
             Place::Surface(hit) => {
@@ -440,6 +432,37 @@ impl<'a> Vertex<'a> {
                 self.turn.add(w, value * (-df / f));
             }
         }
+        turning
+    }
+
+    /// A connection to a beam.
+    fn leave_by<S: Sink>(&mut self, cx: &mut Chained<S>, way: &Way, value: Rgb, pieces: &[Piece]) {
+        let turning = self.scattered(cx.scene, -way.w, value);
+        let connection = Connection { way, x: self.p(), value, turning, pieces };
+        connection.partials(cx, &mut self.at);
+    }
+
+    /// `first`: this vertex as the path's first, if it is that.
+    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: Leg, first: Option<&First>) {
+        let (x, value, scene) = (self.p(), leg.value, cx.scene);
+        if let Tip::Beam(way) = leg.tip {
+            return self.leave_by(cx, &scene.beams.ways[way as usize], value, &leg.pieces);
+        }
+        let (p, w, d) = match &leg.tip {
+            Tip::Surface { p, .. } | Tip::Medium { p, .. } => (*p, (*p - x).normalize(), (*p - x).length()),
+            Tip::Point(light) => {
+                let Some(p) = scene.lights[*light as usize].center() else { return };
+                (p, (p - x).normalize(), (p - x).length())
+            }
+            Tip::Infinity(w) => (x, *w, f64::INFINITY),
+            Tip::Beam(_) => return,
+        };
+        // On ż - ẋ, and apart from each other.
+        let mut between = Covector::default();
+        let mut near = Covector::default();
+        between.add(w, value * (-2.0 / d));
+        // How the direction turns is across/d of ż - ẋ.
+        let mut turning = self.scattered(scene, w, value);
         match &leg.tip {
             Tip::Surface { n, .. } => turning.add(*n, value * (1.0 / n.dot(w))),
             Tip::Medium { turned, .. } => turning += *turned,
@@ -451,7 +474,7 @@ impl<'a> Vertex<'a> {
                     }
                 }
             }
-            Tip::Infinity(_) => {}
+            Tip::Infinity(_) | Tip::Beam(_) => {}
         }
         // Held to its direction, a point scores less by that share.
         let attached = match (&leg.tip, first) {
@@ -528,7 +551,7 @@ impl<'a> Vertex<'a> {
             Tip::Point(light) if cx.moving.follows(*light) => {
                 Velocity::of(Source::Light(*light), p).apply(scene, cx.sensor, &far, cx.sink);
             }
-            Tip::Point(_) | Tip::Infinity(_) => {}
+            Tip::Point(_) | Tip::Infinity(_) | Tip::Beam(_) => {}
         }
     }
 

@@ -37,6 +37,13 @@ pub struct Specular {
     pub through: bool,
 }
 
+/// Of what a share goes on: radiance against the ray, or irradiance across parallel rays of light.
+#[derive(Clone, Copy)]
+enum Share {
+    Radiance,
+    Irradiance,
+}
+
 /// How that depends on the ray's direction, on the normal, and on the indices.
 struct Slopes {
     /// Of the direction after it.
@@ -93,26 +100,29 @@ impl MovingRay {
 }
 
 impl Specular {
-    fn slopes(&self, surface: &Surface) -> Slopes {
+    fn slopes(&self, surface: &Surface, share: Share) -> Slopes {
         match surface {
-            Surface::Dielectric { interior, exterior, slot } => self.dielectric([*interior, *exterior], *slot),
+            Surface::Dielectric { interior, exterior, slot } => self.dielectric([*interior, *exterior], *slot, share),
             Surface::Conductor { eta, k, slot, .. } => self.conductor(*eta, *k, *slot),
             _ => Slopes::of(V3::<Dual<6>>::constant(self.out)),
         }
     }
 
     /// Variables: direction, normal, index behind the front side, index before it.
-    fn dielectric(&self, index: [f64; 2], slot: Slot) -> Slopes {
+    fn dielectric(&self, index: [f64; 2], slot: Slot, share: Share) -> Slopes {
         let (d, n) = (variable::<8>(self.w, 0), variable::<8>(self.n, 3));
         let front = self.n.dot(self.w) < 0.0;
         let side = if front { n } else { -n };
         let (interior, exterior) = (Dual::variable(index[0], 6), Dual::variable(index[1], 7));
         let (n1, n2) = if front { (exterior, interior) } else { (interior, exterior) };
-        let interface = Interface::new(-side.dot(d), n1, n2);
+        let c = -side.dot(d);
+        let interface = Interface::new(c, n1, n2);
         let f = interface.reflectance();
-        let (out, share) = match interface.refract(d, side).filter(|_| self.through) {
-            Some(out) => (out, (Dual::constant(1.0) - f) * interface.eta.sqr()),
-            None => (mirrored(d, n), f),
+        let refracted = interface.refract(d, side).zip(interface.cos_refracted()).filter(|_| self.through);
+        let (out, share) = match (refracted, share) {
+            (Some((out, _)), Share::Radiance) => (out, (Dual::constant(1.0) - f) * interface.eta.sqr()),
+            (Some((out, q)), Share::Irradiance) => (out, (Dual::constant(1.0) - f) * c / q),
+            (None, _) => (mirrored(d, n), f),
         };
         let mut s = Slopes::of(out);
         let log = |k: usize| if share.v > 0.0 { share.d[k] / share.v } else { 0.0 };
@@ -166,7 +176,7 @@ impl FilmLine<'_> {
     /// What becomes of the ray.
     pub fn behind(&self, b: &Specular) -> MovingRay {
         let surface = self.scene.shapes[b.hit.shape as usize].surface as usize;
-        let slopes = b.slopes(&self.scene.surfaces[surface]);
+        let slopes = b.slopes(&self.scene.surfaces[surface], Share::Radiance);
         let start = self.end(b.hit.p, b.w, &stop(b));
         let normal = self.normal(b, &start);
         let mut turn = self.ray.turn(b.hit.p, b.w).mapped(slopes.by_d).plus(1.0, &normal.mapped(slopes.by_n));
@@ -202,11 +212,25 @@ impl FilmLine<'_> {
 
     /// What it adds where `value` was collected behind it: how the light's share changes.
     pub fn specular_partials(&self, sensor: &Sensor, b: &Specular, value: Rgb, sink: &mut impl Sink) {
+        self.share_partials(sensor, b, Share::Radiance, value, sink);
+    }
+
+    /// The same for parallel light that the ray is a line of.
+    pub fn flux_partials(&self, sensor: &Sensor, b: &Specular, value: Rgb, sink: &mut impl Sink) {
+        self.share_partials(sensor, b, Share::Irradiance, value, sink);
+    }
+
+    /// The velocity of the point where a line along w meets the surface, and keeps to it.
+    pub fn slide(&self, b: &Specular, w: DVec3) -> Velocity {
+        self.end(b.hit.p, w, &stop(b))
+    }
+
+    fn share_partials(&self, sensor: &Sensor, b: &Specular, share: Share, value: Rgb, sink: &mut impl Sink) {
         if value.is_zero() {
             return;
         }
         let surface = self.scene.shapes[b.hit.shape as usize].surface as usize;
-        let slopes = b.slopes(&self.scene.surfaces[surface]);
+        let slopes = b.slopes(&self.scene.surfaces[surface], share);
         let start = self.end(b.hit.p, b.w, &stop(b));
         let turn = self.ray.turn(b.hit.p, b.w);
         turn.apply(self.scene, sensor, &slopes.share_d.weighed(value), sink);

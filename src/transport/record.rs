@@ -77,6 +77,8 @@ pub struct Prefix {
 pub enum End {
     /// A point of a shape's face, its geometric normal.
     Shape { shape: u32, face: u32, p: DVec3, n: DVec3 },
+    /// A way of a beam ([`crate::scene::beams`]).
+    Beam(u32),
     /// A light with a position and no extent; its own motion is [`Event::Aim`]'s.
     Point(u32),
     /// Nothing: this direction, unit, toward the light.

@@ -16,6 +16,10 @@ pub enum Source {
     Camera,
     /// Along x, with a slot that is no motion: an index of refraction.
     Value(Slot),
+    /// A vector in three slots.
+    Vector(Slot),
+    /// Of the vertex at hand, which is not known yet.
+    Here,
 }
 
 impl Source {
@@ -35,6 +39,8 @@ fn point(scene: &Scene, sensor: &Sensor, source: Source, p: DVec3, c: &Covector,
         }
         Source::Camera => sensor.point(p, c, sink),
         Source::Value(slot) => sink.add(slot, c.0[0]),
+        Source::Vector(slot) => (0..3).for_each(|i| sink.add(slot + i as Slot, c.0[i])),
+        Source::Here => {}
     }
 }
 
@@ -95,6 +101,14 @@ impl Velocity {
         }
     }
 
+    /// The same; what it asks of the vertex at hand is added to `at`.
+    pub fn settle(&self, scene: &Scene, sensor: &Sensor, c: &Covector, at: &mut Covector, sink: &mut impl Sink) {
+        self.apply(scene, sensor, c, sink);
+        for (_, _, m) in self.0.iter().filter(|x| x.0 == Source::Here) {
+            *at += transposed(m, c);
+        }
+    }
+
     /// The same as a list of forms.
     pub fn forms(&self, scene: &Scene, sensor: &Sensor, c: DVec3, mut out: impl FnMut(Partial)) {
         for (source, p, m) in &self.0 {
@@ -104,6 +118,8 @@ impl Velocity {
                 Source::Light(k) => out(Partial { slot: scene.lights[*k as usize].place.position, v: c, len: 3 }),
                 Source::Camera => sensor.forms(*p, c).into_iter().for_each(&mut out),
                 Source::Value(slot) => out(Partial { slot: *slot, v: c, len: 1 }),
+                Source::Vector(slot) => out(Partial { slot: *slot, v: c, len: 3 }),
+                Source::Here => {}
             }
         }
     }

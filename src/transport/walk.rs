@@ -10,7 +10,7 @@
 
 use super::record::{Drawn, End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
-use super::{beside, camera_line, connect, light_centred, specular};
+use super::{beam, beside, camera_line, connect, light_centred, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
@@ -365,6 +365,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
         if R::CONNECTS {
             connect::from_medium(self, s, id);
+            beam::connect(self, s, beam::Vertex::Medium(id));
         }
         s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);
         self.turn(s, id);
@@ -452,6 +453,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let vertex = light_centred::Vertex::Surface(surface, hit.ns, wi);
         if R::CONNECTS {
             connect::from_surface(self, s, surface, hit.ns, wi);
+            beam::connect(self, s, beam::Vertex::Surface(surface, hit.ns, wi));
             light_centred::connect(self, s, &vertex);
         }
         beside::score(self, s, &vertex);

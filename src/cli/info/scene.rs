@@ -213,6 +213,8 @@ fn light(l: &tyndall::scene::parts::LightPart<f64>) -> String {
         LightKindPart::Point { .. } => "point, intensity",
         LightKindPart::Spot { .. } => "spot, intensity",
         LightKindPart::Directional { .. } => "directional, irradiance",
+        LightKindPart::Beam { gaussian: true, .. } => "collimated, gaussian, irradiance",
+        LightKindPart::Beam { gaussian: false, .. } => "collimated, hard, irradiance",
         LightKindPart::Area { .. } => "area, radiance",
         LightKindPart::Constant => "constant, radiance",
         LightKindPart::Envmap { path, .. } => {
