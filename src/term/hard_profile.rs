@@ -143,6 +143,9 @@ impl Room for HardProfile {
     }
 
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        if self.cones.is_empty() {
+            return;
+        }
         let (k, probability, u) = self.table.sample(lead[0]);
         let cone = &self.cones[k];
         let (x, y) = warp::frame(cone.axis);

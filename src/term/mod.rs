@@ -281,7 +281,6 @@ pub trait Room: Send + Sync {
         true
     }
 
-    /// One sample from the sheet outward.
     /// One sample from the sheet outward. `lead`: the numbers that it begins with.
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample));
 
