@@ -7,7 +7,7 @@ use super::aim::Aim;
 use super::first::{Leg, Opening};
 use super::ray::Specular;
 use super::sweep::Candidates;
-use super::walk::{Flight, State};
+use super::walk::{Flight, Stage, State};
 use crate::light::{Arrival, Emission};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
@@ -268,7 +268,8 @@ impl Recorder for PathRecord {
     }
 
     fn checkpoint(&mut self, scene: &Scene, state: &State) -> bool {
-        if self.events.len() < self.chunk {
+        // A span and the collision that ends it stay together: where that is a leg's first vertex, the span moves with it.
+        if self.events.len() < self.chunk || matches!(state.stage, Stage::Medium) {
             return false;
         }
         let Some(candidates) = &mut self.candidates else { return true };

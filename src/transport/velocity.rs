@@ -82,16 +82,39 @@ impl Velocity {
     #[must_use]
     pub fn plus(mut self, w: f64, other: &Velocity) -> Velocity {
         if w != 0.0 {
-            for &(s, p, m) in &other.0 {
-                // Rays that go through many interfaces meet the same indices again and again.
-                let same = |x: &&mut (Source, DVec3, DMat3)| matches!(s, Source::Value(_)) && x.0 == s;
-                match self.0.iter_mut().find(same) {
-                    Some(x) => x.2 += m * w,
-                    None => self.0.push((s, p, m * w)),
+            self.0.extend(other.0.iter().map(|&(s, p, m)| (s, p, m * w)));
+        }
+        self.compact();
+        self
+    }
+
+    /// The same with at most four points a source. All motions are affine: `Σ M v(p) = (Σ M) v(o) + Σ_j (Σ M (p-o)_j) (v(o+e_j) - v(o))`. Otherwise rays that go
+    /// by many interfaces would ask the same sources at ever more points.
+    fn compact(&mut self) {
+        const LONG: usize = 16;
+        if self.0.len() <= LONG {
+            return;
+        }
+        let mut list: Vec<(Source, DVec3, [DMat3; 4])> = Vec::new();
+        for &(s, p, m) in &self.0 {
+            let k = list.iter().position(|x| x.0 == s).unwrap_or(list.len());
+            if k == list.len() {
+                list.push((s, p, [DMat3::ZERO; 4]));
+            }
+            let (_, o, sums) = &mut list[k];
+            let off = (p - *o).to_array();
+            (0..3).for_each(|j| sums[1 + j] += m * off[j]);
+            sums[0] += m;
+        }
+        self.0.clear();
+        for (s, o, [whole, x, y, z]) in list {
+            self.0.push((s, o, whole - x - y - z));
+            for (e, m) in [(DVec3::X, x), (DVec3::Y, y), (DVec3::Z, z)] {
+                if m != DMat3::ZERO {
+                    self.0.push((s, o + e, m));
                 }
             }
         }
-        self
     }
 
     /// The partials of `<c, ẋ>`.

@@ -24,6 +24,7 @@ mod moving_media_differences;
 mod moving_surfaces;
 mod per_vertex;
 mod plan;
+mod refraction;
 mod rooms;
 mod scenes;
 mod stress;
