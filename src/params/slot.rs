@@ -24,6 +24,12 @@ pub enum Quantity {
     Emission,
     /// Emitted radiance of a medium, per channel (multiplied by sigma_a).
     Glow,
+    /// Factor on a medium's emission.
+    GlowScale,
+    /// Temperature of a medium that shines as a black body, its scale to kelvin, and what is subtracted before.
+    Temperature,
+    TemperatureScale,
+    TemperatureOffset,
     /// Factor on an environment map.
     EnvironmentScale,
     /// Position of a point or spot light, world space.
@@ -52,6 +58,10 @@ impl Quantity {
             Quantity::Reflectance => "reflectance",
             Quantity::Ior => "ior",
             Quantity::Emission | Quantity::Glow => "emission",
+            Quantity::GlowScale => "emission_scale",
+            Quantity::Temperature => "temperature",
+            Quantity::TemperatureScale => "temperature_scale",
+            Quantity::TemperatureOffset => "temperature_offset",
             Quantity::EnvironmentScale => "scale",
             Quantity::Position => "position",
             Quantity::Direction => "direction",

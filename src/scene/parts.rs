@@ -114,13 +114,21 @@ impl<R: Real> VolumePart<R> {
     }
 }
 
+/// Emitted radiance L_e, multiplied by sigma_a.
+pub struct GlowPart<R> {
+    /// Of radiance, or of temperatures.
+    pub volume: VolumePart<R>,
+    pub scale: R,
+    /// Scale and offset of temperatures.
+    pub heat: Option<[R; 2]>,
+}
+
 pub struct MediumPart<R> {
     pub name: String,
     pub span: Span,
     pub density: VolumePart<R>,
     pub albedo: VolumePart<R>,
-    /// Emitted radiance L_e, multiplied by sigma_a.
-    pub emission: Option<VolumePart<R>>,
+    pub emission: Option<GlowPart<R>>,
     pub scale: R,
     /// `None` = isotropic.
     pub g: Option<R>,
@@ -266,8 +274,17 @@ impl<R: Real> Parts<R> {
             }
             add(owner, &m.name, Quantity::MediumScale, vec![m.scale]);
             add(owner, &m.name, Quantity::G, m.g.into_iter().collect());
-            if let Some(VolumePart::Constant(c)) = &m.emission {
-                add(owner, &m.name, Quantity::Glow, c.to_vec());
+            if let Some(e) = &m.emission {
+                match (&e.volume, e.heat) {
+                    (VolumePart::Constant(c), None) => add(owner, &m.name, Quantity::Glow, c.to_vec()),
+                    (VolumePart::Constant(c), Some(_)) => add(owner, &m.name, Quantity::Temperature, vec![c[0]]),
+                    _ => {}
+                }
+                add(owner, &m.name, Quantity::GlowScale, vec![e.scale]);
+                if let Some([scale, offset]) = e.heat {
+                    add(owner, &m.name, Quantity::TemperatureScale, vec![scale]);
+                    add(owner, &m.name, Quantity::TemperatureOffset, vec![offset]);
+                }
             }
             if let Some(to_world) = m.density.to_world() {
                 let (shift, deformation) = affine_motion(to_world);
@@ -347,7 +364,8 @@ impl<R: Real> Parts<R> {
         }
         for (i, m) in self.media.iter().enumerate() {
             v.extend(m.density.to_world().map(|t| (Movable::Density(i), flat(t))));
-            for t in [Some(&m.albedo), m.emission.as_ref()].into_iter().flatten().filter_map(VolumePart::to_world) {
+            let others = [Some(&m.albedo), m.emission.as_ref().map(|e| &e.volume)];
+            for t in others.into_iter().flatten().filter_map(VolumePart::to_world) {
                 v.push((Movable::Volume(i), flat(t)));
             }
         }

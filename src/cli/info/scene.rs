@@ -204,7 +204,15 @@ fn volume(v: &VolumePart<f64>) -> String {
 fn medium_text(m: &tyndall::scene::parts::MediumPart<f64>) -> String {
     let phase = m.g.map_or("isotropic".into(), |g| format!("hg, g {}", number(g)));
     let (density, albedo) = (volume(&m.density), volume(&m.albedo));
-    let emission = m.emission.as_ref().map_or(String::new(), |e| format!(", emission {}", volume(e)));
+    let emission = m.emission.as_ref().map_or(String::new(), |e| {
+        let (v, scale) = (volume(&e.volume), number(e.scale));
+        match e.heat {
+            None => format!(", emission {v} x {scale}"),
+            Some([f, offset]) => {
+                format!(", black bodies of ({v} - {}) x {} K, x {scale}", number(offset), number(f))
+            }
+        }
+    });
     format!("sigma_t {density} x {}, albedo {albedo}, {phase}{emission}", number(m.scale))
 }
 
