@@ -5,6 +5,8 @@ use super::geometry::Group;
 use super::parts::{
     GlowPart, LightKindPart, MediumPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart,
 };
+use super::transform::Mat4;
+use super::volumes::{Loading, load_vdb, load_vol};
 use super::{Film, Instance, Scene, Settings, arrays};
 use crate::error::{Error, Result, Warning, WarningKind};
 use crate::light::envmap::Envmap;
@@ -12,6 +14,7 @@ use crate::light::{Light, LightKind, Place};
 use crate::math::discrete::Discrete;
 use crate::math::{DMat3, DVec3, Dual, Rgb};
 use crate::medium::glow::{Glow, GlowSlots, Heat};
+use crate::medium::grid::Allowed;
 use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
 use crate::params::{Mover, Owner, ParamSet, Quantity, SlotTable};
 use crate::phase::Phase;
@@ -254,14 +257,8 @@ fn medium(
     options: &LoadOptions,
     warnings: &mut Vec<Warning>,
 ) -> Result<Medium> {
-    let density = volume(&m.density, options, warnings)?;
-    let albedo = volume(&m.albedo, options, warnings)?;
-    if let Volume::Grid(g) = &albedo {
-        if g.max() > 1.0 {
-            let what = format!("medium `{}`: the albedo grid reaches {}", m.name, g.max());
-            return Err(Error::scene(&m.span, what, "an albedo lies between 0 and 1"));
-        }
-    }
+    let density = volume(&m.density, Allowed::NON_NEGATIVE, options, warnings)?;
+    let albedo = volume(&m.albedo, Allowed::SHARE, options, warnings)?;
     let emission = m.emission.as_ref().map(|e| glow(m, e, owner, slots, options, warnings)).transpose()?;
     let sigma_t = density.max() * m.scale;
     let constant_albedo = if let Volume::Constant(c) = &albedo { *c } else { Rgb::ONE };
@@ -305,7 +302,7 @@ fn glow(
     options: &LoadOptions,
     warnings: &mut Vec<Warning>,
 ) -> Result<Glow> {
-    let v = volume(&e.volume, options, warnings)?;
+    let v = volume(&e.volume, Allowed::NON_NEGATIVE, options, warnings)?;
     let heat = e.heat.map(|[scale, offset]| Heat { scale, offset });
     if let (Some(heat), Volume::Grid(g)) = (&heat, &v) {
         if g.channels() != 1 {
@@ -335,18 +332,14 @@ fn glow(
     Ok(Glow { volume: v, scale: e.scale, heat, slots })
 }
 
-fn volume(v: &VolumePart<f64>, options: &LoadOptions, warnings: &mut Vec<Warning>) -> Result<Volume> {
-    match v {
-        VolumePart::Constant(c) => Ok(Volume::Constant(Rgb(*c))),
-        VolumePart::Vol { path, to_world, span, smooth } => {
-            let g = super::volumes::load_vol(path, to_world.affine(), *smooth, span, options, warnings)?;
-            Ok(Volume::Grid(Arc::new(g)))
-        }
-        VolumePart::Vdb { path, grid, to_world, span } => {
-            let g = super::volumes::load_vdb(path, grid, to_world.affine(), span, options, warnings)?;
-            Ok(Volume::Grid(Arc::new(g)))
-        }
-    }
+fn volume(v: &VolumePart<f64>, allowed: Allowed, options: &LoadOptions, warnings: &mut Vec<Warning>) -> Result<Volume> {
+    let how = |to_world: &Mat4<f64>, span| Loading { to_world: to_world.affine(), allowed, span, options };
+    let grid = match v {
+        VolumePart::Constant(c) => return Ok(Volume::Constant(Rgb(*c))),
+        VolumePart::Vol { path, to_world, span, smooth } => load_vol(path, *smooth, how(to_world, span), warnings)?,
+        VolumePart::Vdb { file, to_world, span } => load_vdb(file, how(to_world, span), warnings)?,
+    };
+    Ok(Volume::Grid(Arc::new(grid)))
 }
 
 fn surface(s: &SurfacePart<f64>, slot: u32) -> Surface {

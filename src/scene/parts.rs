@@ -5,6 +5,7 @@
 
 use super::desc::{Env, Node, SceneDesc};
 use super::transform::Mat4;
+use super::volumes::VdbFile;
 use crate::error::{Error, Result, Span};
 use crate::math::{DMat4, DVec3, Real, V3, warp};
 use crate::params::{Owner, Quantity};
@@ -102,7 +103,7 @@ pub enum SurfacePart<R> {
 pub enum VolumePart<R> {
     Constant([R; 3]),
     Vol { path: PathBuf, to_world: Mat4<R>, span: Span, smooth: bool },
-    Vdb { path: PathBuf, grid: String, to_world: Mat4<R>, span: Span },
+    Vdb { file: VdbFile, to_world: Mat4<R>, span: Span },
 }
 
 impl<R: Real> VolumePart<R> {

@@ -4,8 +4,10 @@ use super::desc::{Node, suggest};
 use super::parts::{
     GlowPart, LightKindPart, LightPart, MediumPart, Reader, ShapeKind, ShapePart, SurfacePart, VolumePart, label,
 };
+use super::volumes::VdbFile;
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Real, V3};
+use crate::native::vdb::Select;
 use std::path::PathBuf;
 
 const SHAPES: [&str; 7] = ["obj", "ply", "rectangle", "cube", "disk", "sphere", "cylinder"];
@@ -47,6 +49,25 @@ fn require(n: &Node, prop: &str, ok: bool, what: String, remedy: &str) -> Result
 fn needs_file(n: &Node) -> Result<PathBuf> {
     n.path("filename")?
         .ok_or_else(|| n.err("filename", "no `filename`", "add <string name=\"filename\" value=\"...\"/>"))
+}
+
+/// Which grid of an OpenVDB file: by name; by `grid_index`, its place in the file; by both, that one of its name. From 0.
+fn select(v: &Node) -> Result<Select> {
+    let name = v.string_opt("grid_name")?;
+    let Some(index) = v.int_opt("grid_index")? else {
+        return Ok(Select::Name(name.unwrap_or_else(|| "density".into())));
+    };
+    let index = usize::try_from(index)
+        .map_err(|_| v.err("grid_index", format!("grid_index is {index}"), "grids are counted from 0"))?;
+    Ok(name.map_or(Select::Index(index), |name| Select::NameIndex(name, index)))
+}
+
+/// Whether a level set is to be read as fog.
+fn fog(v: &Node) -> Result<bool> {
+    let way = v.string_opt("level_set")?;
+    let ok = way.as_deref().is_none_or(|w| w == "fog");
+    require(v, "level_set", ok, format!("level_set is `{}`", way.as_deref().unwrap_or("")), "only `fog` is available")?;
+    Ok(way.is_some())
 }
 
 impl<R: Real> Reader<'_, R> {
@@ -376,12 +397,10 @@ impl<R: Real> Reader<'_, R> {
                 }
                 Ok(VolumePart::Vol { path, to_world, span: v.span_of("filename"), smooth })
             }
-            "openvdb" => Ok(VolumePart::Vdb {
-                path: needs_file(v)?,
-                grid: v.string("grid_name", "density")?,
-                to_world: v.transform(self.env, "to_world")?,
-                span: v.span_of("filename"),
-            }),
+            "openvdb" => {
+                let file = VdbFile { path: needs_file(v)?, select: select(v)?, fog: fog(v)? };
+                Ok(VolumePart::Vdb { file, to_world: v.transform(self.env, "to_world")?, span: v.span_of("filename") })
+            }
             _ => Err(v.unknown_plugin(&VOLUMES)),
         }
     }

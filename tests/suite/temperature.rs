@@ -41,9 +41,11 @@ fn a_slab_of_one_temperature() {
     check("dL/de", &r[4], share * radiance[0], 0.001);
     check("dL/dsigma_t", &r[5], 0.375 * 1.7 * (1.0 - kept) * l, 0.02);
     check("dL/dalbedo", &r[6], -kept * l, 0.02);
+    // Blue lies outside of Rec. 709 and ends at 0.
+    assert_eq!(radiance[2], 0.0);
     for c in 1..3 {
-        assert!((r[0].value[c] / r[0].value[0] / (radiance[c] / radiance[0]) - 1.0).abs() < 1e-6, "{:?}", r[0]);
-        assert!((r[1].value[c] / r[1].value[0] / (slope[c] / slope[0]) - 1.0).abs() < 1e-6, "{:?}", r[1]);
+        assert!((r[0].value[c] - share * e * radiance[c]).abs() < 1e-9, "{:?}", r[0]);
+        assert!((r[1].value[c] - share * e * slope[c] * 1500.0).abs() < 1e-9, "{:?}", r[1]);
     }
 }
 
@@ -113,7 +115,7 @@ fn hot_middle(p: DVec3) -> f64 {
 fn parameters_of_a_hot_cloud() {
     let dir = tempfile::tempdir().unwrap();
     let heat = ramp(&dir.path().join("heat.vdb"), hot_middle, "heat");
-    let fog = ramp(&dir.path().join("fog.vdb"), |p| 0.3 + 0.02 * (p.y + p.z), "density");
+    let fog = ramp(&dir.path().join("fog.vdb"), |p| 0.6 + 0.02 * (p.y + p.z), "density");
     let medium = format!(
         r#"<volume name="temperature" type="openvdb">{heat}</volume><volume name="sigma_t" type="openvdb">{fog}</volume><float name="scale" value="$s"/>"#
     );
@@ -152,7 +154,7 @@ fn things_that_move_in_a_hot_cloud() {
     <shape type="sphere"><transform name="to_world"><scale value="0.3"/><translate x="$x" y="0.2" z="0.7"/></transform>
       <bsdf type="diffuse"><rgb name="reflectance" value="0.3"/></bsdf></shape></scene>"#
     );
-    against_differences(&text, &[("x", 0.04), ("b", 0.04)], &["all"], 1 << 19, 0.01);
+    against_differences(&text, &[("x", 0.04), ("b", 0.04)], &["all"], 1 << 17, 0.01);
 }
 
 /// Shown in `info`, and warned of where nothing glows.

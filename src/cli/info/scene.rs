@@ -5,6 +5,7 @@ use crate::cli::format;
 use serde::Serialize;
 use std::path::Path;
 use tyndall::error::Result;
+use tyndall::native::vdb::Select;
 use tyndall::render::plan::Plan;
 use tyndall::render::report::WarningReport;
 use tyndall::scene::compile::LoadOptions;
@@ -197,7 +198,14 @@ fn volume(v: &VolumePart<f64>) -> String {
     match v {
         VolumePart::Constant(c) => color(c),
         VolumePart::Vol { path, .. } => path.display().to_string(),
-        VolumePart::Vdb { path, grid, .. } => format!("grid `{grid}` of {}", path.display()),
+        VolumePart::Vdb { file, .. } => {
+            let grid = match &file.select {
+                Select::Name(name) => format!("`{name}`"),
+                Select::Index(i) => format!("number {i}"),
+                Select::NameIndex(name, i) => format!("`{name}` number {i}"),
+            };
+            format!("grid {grid} of {}{}", file.path.display(), if file.fog { ", as fog" } else { "" })
+        }
     }
 }
 

@@ -25,6 +25,75 @@ pub struct GridSource {
     pub clip: Option<(DVec3, DVec3)>,
 }
 
+/// Which values a use of voxels allows, ends included. NaN and infinite ones no use allows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Allowed {
+    pub low: f32,
+    pub high: f32,
+}
+
+impl Allowed {
+    pub const FINITE: Allowed = Allowed { low: f32::MIN, high: f32::MAX };
+    /// Densities, light, temperatures.
+    pub const NON_NEGATIVE: Allowed = Allowed { low: 0.0, high: f32::MAX };
+    /// Albedos.
+    pub const SHARE: Allowed = Allowed { low: 0.0, high: 1.0 };
+
+    fn refuses(self, v: f32) -> bool {
+        !(self.low <= v && v <= self.high)
+    }
+
+    /// What is too large becomes the largest value allowed, all else that is not allowed 0 (infinite ones too).
+    pub fn repair(self, values: &mut [f32]) -> Repaired {
+        let mut n = Repaired::default();
+        for v in values.iter_mut().filter(|v| self.refuses(**v)) {
+            let (kind, new) = match *v {
+                x if x.is_nan() => (&mut n.nan, 0.0),
+                x if x.is_infinite() => (&mut n.infinite, 0.0),
+                x if x < self.low => (&mut n.negative, 0.0),
+                _ => (&mut n.large, self.high),
+            };
+            *kind += 1;
+            *v = new;
+        }
+        n
+    }
+}
+
+/// How many values of which kind were repaired.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Repaired {
+    pub nan: usize,
+    pub infinite: usize,
+    pub negative: usize,
+    /// Set to the largest value allowed.
+    pub large: usize,
+}
+
+impl Repaired {
+    pub fn total(self) -> usize {
+        self.nan + self.infinite + self.negative + self.large
+    }
+}
+
+impl std::ops::AddAssign for Repaired {
+    fn add_assign(&mut self, o: Repaired) {
+        self.nan += o.nan;
+        self.infinite += o.infinite;
+        self.negative += o.negative;
+        self.large += o.large;
+    }
+}
+
+impl std::fmt::Display for Repaired {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let kinds =
+            [(self.nan, "NaN"), (self.infinite, "infinite"), (self.negative, "negative"), (self.large, "too large")];
+        let kinds = kinds.iter().filter(|k| k.0 > 0).map(|(n, what)| format!("{n} {what}")).collect::<Vec<_>>();
+        write!(f, "{}", kinds.join(", "))
+    }
+}
+
 /// The first value that is not fit for use, and how many there are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BadVoxel {
@@ -39,20 +108,19 @@ impl std::fmt::Display for BadVoxel {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [x, y, z] = self.index;
         write!(f, "voxel [{x}, {y}, {z}] is {}", self.value)?;
-        if self.count > 1 { write!(f, ", and {} more are NaN, infinite or negative", self.count - 1) } else { Ok(()) }
+        if self.count > 1 { write!(f, ", and {} more cannot be used", self.count - 1) } else { Ok(()) }
     }
 }
 
-/// The first value, in slot order, that is not finite or (on request) is negative. `index` maps a slot to its node.
+/// The first value, in slot order, that is not allowed. `index` maps a slot to its node.
 pub(super) fn find_bad(
     values: &[f32],
     channels: usize,
-    non_negative: bool,
+    allowed: Allowed,
     index: impl Fn(usize) -> [i32; 3],
 ) -> Result<(), BadVoxel> {
-    let bad = |v: &f32| !v.is_finite() || (non_negative && *v < 0.0);
-    let Some(first) = values.iter().position(bad) else { return Ok(()) };
-    let count = values.iter().filter(|v| bad(v)).count();
+    let Some(first) = values.iter().position(|&v| allowed.refuses(v)) else { return Ok(()) };
+    let count = values.iter().filter(|v| allowed.refuses(**v)).count();
     Err(BadVoxel { index: index(first / channels), channel: first % channels, value: values[first], count })
 }
 
@@ -111,14 +179,25 @@ impl GridBuilder {
         self.fault.get_or_insert(what);
     }
 
-    /// Report values that are not finite, or negative ones if they must not be.
-    pub fn validate(&self, non_negative: bool) -> Result<(), BadVoxel> {
-        find_bad(&self.values, self.source.channels, non_negative, |slot| {
+    /// Make room for so many leaves and tiles at once.
+    pub fn reserve(&mut self, leaves: usize, tiles: usize) {
+        self.blocks.reserve_exact(leaves + tiles);
+        self.values.reserve_exact((leaves * LEAF + tiles) * self.source.channels);
+    }
+
+    /// Report values that are not allowed.
+    pub fn validate(&self, allowed: Allowed) -> Result<(), BadVoxel> {
+        find_bad(&self.values, self.source.channels, allowed, |slot| {
             let k = self.blocks.partition_point(|b| b.2.base as usize <= slot) - 1;
             let (origin, _, block) = self.blocks[k];
             let local = (slot - block.base as usize) as i32;
             [origin[0] + (local >> 6), origin[1] + (local >> 3 & 7), origin[2] + (local & 7)]
         })
+    }
+
+    /// Make all values allowed ones.
+    pub fn repair(&mut self, allowed: Allowed) -> Repaired {
+        allowed.repair(&mut self.values)
     }
 
     pub fn build(self) -> Result<Grid, String> {

@@ -22,7 +22,7 @@ pub mod vol;
 use crate::math::{DAffine3, DVec3, Rgb};
 use std::sync::Arc;
 
-pub use builder::{BadVoxel, GridBuilder, GridSource};
+pub use builder::{Allowed, BadVoxel, GridBuilder, GridSource, Repaired};
 pub use nodes::NodeId;
 pub use traverse::{BrickRef, Span, SpanIter};
 

@@ -266,8 +266,8 @@ fn faults_are_reported() {
     let mut leaf = [0.5; 1536];
     (leaf[(2 << 6 | 3 << 3 | 4) * 3 + 1], leaf[1500]) = (-2.0, f32::NAN);
     builder.leaf([8; 3], &leaf);
-    let bad = builder.validate(true).unwrap_err();
+    let bad = builder.validate(Allowed::NON_NEGATIVE).unwrap_err();
     assert_eq!(bad, BadVoxel { index: [10, 11, 12], channel: 1, value: -2.0, count: 2 });
-    let bad = builder.validate(false).unwrap_err();
+    let bad = builder.validate(Allowed::FINITE).unwrap_err();
     assert!(bad.value.is_nan() && bad.count == 1 && bad.index == [15, 14, 12]);
 }
