@@ -6,7 +6,7 @@
 
 use super::{NO_SLOT, Volume};
 use crate::math::{DVec3, Rgb, blackbody};
-use crate::params::{ParamSet, Slot};
+use crate::params::{Mover, ParamSet, Sink, Slot};
 
 /// Slots of an emission; [`NO_SLOT`] where the quantity is a grid or does not exist.
 #[derive(Clone, Copy, Debug)]
@@ -16,6 +16,8 @@ pub struct GlowSlots {
     pub scale: Slot,
     pub heat_scale: Slot,
     pub heat_offset: Slot,
+    /// Of a grid with a transform: the field moves with it.
+    pub mover: Option<Mover>,
 }
 
 /// How numbers become kelvin: `(value - offset) scale`.
@@ -65,11 +67,14 @@ impl Glow {
     }
 
     /// `weight x dL_e/dslot` at a world point for every active slot.
-    pub fn partials(&self, params: &ParamSet, p: DVec3, weight: Rgb, mut f: impl FnMut(Slot, Rgb)) {
+    pub fn partials(&self, params: &ParamSet, p: DVec3, weight: Rgb, sink: &mut impl Sink) {
         let s = &self.slots;
+        if let Some(mover) = self.moves(params) {
+            mover.field(p, &self.gradient(p), weight, sink);
+        }
         let mut add = |slot: Slot, d: Rgb| {
             if slot != NO_SLOT && params.is_active(slot) {
-                f(slot, weight * d);
+                sink.add(slot, weight * d);
             }
         };
         let Some(heat) = &self.heat else {
@@ -88,11 +93,17 @@ impl Glow {
         add(s.heat_offset, by_kelvin * -heat.scale);
     }
 
+    /// The mover, if any parameter moves it.
+    fn moves(&self, params: &ParamSet) -> Option<&Mover> {
+        self.slots.mover.as_ref().filter(|m| params.block_active(m.first, Mover::SLOTS))
+    }
+
     /// Whether any slot of the emission is active.
     pub fn active(&self, params: &ParamSet) -> bool {
         let s = &self.slots;
         let values = if self.heat.is_some() { 1 } else { 3 };
         let blocks = [(s.value, values), (s.scale, 1), (s.heat_scale, 1), (s.heat_offset, 1)];
         blocks.iter().any(|&(first, n)| first != NO_SLOT && params.block_active(first, n))
+            || self.moves(params).is_some()
     }
 }

@@ -4,7 +4,7 @@ pub mod glow;
 pub mod grid;
 
 use crate::math::{DVec3, Rgb};
-use crate::params::{Covector, Mover, ParamSet, Sink, Slot};
+use crate::params::{Mover, ParamSet, Sink, Slot};
 use crate::phase::Phase;
 use glow::Glow;
 use grid::Grid;
@@ -163,12 +163,10 @@ impl Medium {
         self.share_partials(params, p, Rgb::ONE - self.albedo.at(p), -1.0, f);
     }
 
-    /// How sigma_t at a fixed point changes as its grid moves past, `-<∇σ_t, v>` ([T] section 3), times `weight`.
+    /// How sigma_t at a fixed point changes as its grid moves past, times `weight`.
     fn motion_partials(&self, mover: &Mover, p: DVec3, weight: Rgb, sink: &mut impl Sink) {
         let Some(grid) = self.density_grid() else { return };
-        let g = grid.gradient3(p);
-        let c = std::array::from_fn(|k| Rgb::from_fn(|c| -self.scale * weight[c] * g[c][k]));
-        mover.point(p, &Covector(c), sink);
+        mover.field(p, &grid.gradient3(p), weight * self.scale, sink);
     }
 
     /// The mover, if any parameter moves it.

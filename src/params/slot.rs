@@ -42,6 +42,9 @@ pub enum Quantity {
     Shift,
     /// The linear part of its motion about the pivot, row by row ([`super::Mover`]).
     Deformation,
+    /// The same two of a medium's emission grid.
+    GlowShift,
+    GlowDeformation,
     /// A perspective camera's tangent of half the field of view, and its principal point.
     Lens,
     /// Vertices of a mesh, three numbers each, world space.
@@ -66,8 +69,8 @@ impl Quantity {
             Quantity::Position => "position",
             Quantity::Direction => "direction",
             Quantity::Angles => "angles",
-            Quantity::Shift => "shift",
-            Quantity::Deformation => "deformation",
+            Quantity::Shift | Quantity::GlowShift => "shift",
+            Quantity::Deformation | Quantity::GlowDeformation => "deformation",
             Quantity::Lens => "lens",
             Quantity::Vertices => "vertices",
         }
@@ -75,8 +78,11 @@ impl Quantity {
 
     /// Whether it is a value at fixed points; otherwise something moves.
     pub fn is_value(self) -> bool {
-        use Quantity::{Angles, Deformation, Direction, Ior, Lens, Position, Shift, Vertices};
-        !matches!(self, Ior | Position | Direction | Angles | Shift | Deformation | Lens | Vertices)
+        use Quantity::{
+            Angles, Deformation, Direction, GlowDeformation, GlowShift, Ior, Lens, Position, Shift, Vertices,
+        };
+        let moves = matches!(self, Position | Direction | Shift | Deformation | GlowShift | GlowDeformation | Vertices);
+        !(moves || matches!(self, Ior | Angles | Lens))
     }
 }
 

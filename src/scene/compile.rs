@@ -282,13 +282,15 @@ fn medium(
             albedo: slot_of(slots, owner, Quantity::Albedo),
             scale: slot_of(slots, owner, Quantity::MediumScale),
             g: slot_of(slots, owner, Quantity::G),
-            mover: m
-                .density
-                .to_world()
-                .map(|t| Mover { first: slot_of(slots, owner, Quantity::Shift), pivot: t.affine().translation }),
+            mover: m.density.to_world().map(|t| mover(t, slots, owner, Quantity::Shift)),
         },
         kappa: 1.0,
     })
+}
+
+/// Of a volume that is placed like this.
+fn mover(to_world: &Mat4<f64>, slots: &SlotTable, owner: Owner, shift: Quantity) -> Mover {
+    Mover { first: slot_of(slots, owner, shift), pivot: to_world.affine().translation }
 }
 
 /// Temperatures below this, in kelvin, shine with less than 1e-8 W / (m² sr).
@@ -328,6 +330,7 @@ fn glow(
         scale: slot_of(slots, owner, Quantity::GlowScale),
         heat_scale: slot_of(slots, owner, Quantity::TemperatureScale),
         heat_offset: slot_of(slots, owner, Quantity::TemperatureOffset),
+        mover: e.volume.to_world().map(|t| mover(t, slots, owner, Quantity::GlowShift)),
     };
     Ok(Glow { volume: v, scale: e.scale, heat, slots })
 }

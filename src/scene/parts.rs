@@ -234,9 +234,10 @@ pub enum Movable {
     LightDirection(usize),
     LightProfile(usize),
     Environment(usize),
-    /// A medium's density grid; its other grids.
+    /// A medium's grid of densities, of emission or temperatures, of albedos.
     Density(usize),
-    Volume(usize),
+    Glow(usize),
+    Albedo(usize),
     Sensor(usize),
 }
 
@@ -285,6 +286,11 @@ impl<R: Real> Parts<R> {
                 if let Some([scale, offset]) = e.heat {
                     add(owner, &m.name, Quantity::TemperatureScale, vec![scale]);
                     add(owner, &m.name, Quantity::TemperatureOffset, vec![offset]);
+                }
+                if let Some(to_world) = e.volume.to_world() {
+                    let (shift, deformation) = affine_motion(to_world);
+                    add(owner, &m.name, Quantity::GlowShift, vec![shift.x, shift.y, shift.z]);
+                    add(owner, &m.name, Quantity::GlowDeformation, deformation);
                 }
             }
             if let Some(to_world) = m.density.to_world() {
@@ -365,10 +371,9 @@ impl<R: Real> Parts<R> {
         }
         for (i, m) in self.media.iter().enumerate() {
             v.extend(m.density.to_world().map(|t| (Movable::Density(i), flat(t))));
-            let others = [Some(&m.albedo), m.emission.as_ref().map(|e| &e.volume)];
-            for t in others.into_iter().flatten().filter_map(VolumePart::to_world) {
-                v.push((Movable::Volume(i), flat(t)));
-            }
+            let glow = m.emission.as_ref().and_then(|e| e.volume.to_world());
+            v.extend(glow.map(|t| (Movable::Glow(i), flat(t))));
+            v.extend(m.albedo.to_world().map(|t| (Movable::Albedo(i), flat(t))));
         }
         for (i, s) in self.sensors.iter().enumerate() {
             let mut x = flat(&s.to_world);

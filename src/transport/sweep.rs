@@ -350,7 +350,7 @@ impl Sweep<'_> {
                 // Drawn without regard to sigma_a and L_e: nothing to divide by.
                 let (m, facts) = (&self.scene.media[via.medium as usize], &self.facts.media[via.medium as usize]);
                 if let Some(e) = m.emission.as_ref().filter(|_| facts.glow) {
-                    e.partials(self.params, via.p, *weight * via.sigma, |slot, d| sink.add(slot, d));
+                    e.partials(self.params, via.p, *weight * via.sigma, sink);
                 }
                 if facts.source {
                     m.sigma_a_partials(self.params, via.p, |slot, d| sink.add(slot, d * l));

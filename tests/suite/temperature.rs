@@ -122,7 +122,7 @@ fn parameters_of_a_hot_cloud() {
     let text = slab(&medium, 4)
         .replace(r#"<float name="sigma_t" value="$sigma_t"/>"#, "")
         .replace(r#"<default name="sigma_t" value="0.8"/>"#, r#"<default name="s" value="1.5"/>"#);
-    let wrt = [("f", 30.0), ("o", 0.02), ("e", 0.0005), ("s", 0.1), ("albedo", 0.05)];
+    let wrt = [("f", 4.0), ("o", 0.003), ("e", 0.0005), ("s", 0.1), ("albedo", 0.05)];
     against_differences(&text, &wrt, &["all"], 1 << 16, 0.0);
 
     // Forward and reverse mode are transposes of each other.
@@ -155,6 +155,27 @@ fn things_that_move_in_a_hot_cloud() {
       <bsdf type="diffuse"><rgb name="reflectance" value="0.3"/></bsdf></shape></scene>"#
     );
     against_differences(&text, &[("x", 0.04), ("b", 0.04)], &["all"], 1 << 17, 0.01);
+}
+
+/// The hot cloud as a whole, and its temperatures alone, move, turn and grow past fog that stays or goes along.
+#[test]
+fn temperatures_that_move() {
+    let dir = tempfile::tempdir().unwrap();
+    let heat = ramp(&dir.path().join("heat.vdb"), hot_middle, "heat");
+    let fog = ramp(&dir.path().join("fog.vdb"), |p| 0.6 + 0.02 * (p.y + p.z), "density");
+    let place = |x: &str| {
+        format!(r#"<transform name="to_world"><rotate z="1" angle="$a"/><translate x="{x}" y="0.1"/></transform>"#)
+    };
+    let medium = format!(
+        r#"<volume name="temperature" type="openvdb">{heat}{}</volume><volume name="sigma_t" type="openvdb">{fog}{}</volume>"#,
+        place("$x"),
+        place("0")
+    );
+    let text = slab(&medium, 3).replace(r#"<float name="sigma_t" value="$sigma_t"/>"#, "").replace(
+        r#"<default name="sigma_t" value="0.8"/>"#,
+        r#"<default name="x" value="0.3"/><default name="a" value="20"/>"#,
+    );
+    against_differences(&text, &[("x", 0.01), ("a", 0.5)], &["all"], 1 << 17, 0.002);
 }
 
 /// Shown in `info`, and warned of where nothing glows.

@@ -153,17 +153,15 @@ fn level_sets_are_fog_where_the_scene_says_so() {
     let e = how(false).unwrap_err();
     assert!(e.contains("types.vdb") && e.contains("`surface` is a level set") && e.contains("level_set"), "{e}");
     let fog = how(true).unwrap().0;
-    let mut rng = Rng::keyed(4, 0, 0, 0);
+    // At voxels, where nothing is interpolated.
     let mut seen = [0; 3];
-    for _ in 0..20_000 {
-        let p = DVec3::new(rng.uniform() * 2.2 - 0.6, rng.uniform() * 2.2 - 1.1, rng.uniform() * 2.2 - 1.1);
+    for i in 0..23 * 23 * 23 {
+        let p = DVec3::new(f64::from(i % 23) - 6.0, f64::from(i / 23 % 23) - 11.0, f64::from(i / 529) - 11.0) * 0.1;
         let depth = (0.8 - (p - DVec3::new(0.5, 0.0, 0.0)).length()) / 0.2;
         seen[usize::from(depth > 0.0) + usize::from(depth > 1.0)] += 1;
-        // Between voxels 0.1 apart the clamped profile and the curved surface are interpolated: corners lose at most a quarter of a cell.
-        assert!((fog.lookup(p) - depth.clamp(0.0, 1.0)).abs() < 0.15, "{p}: {} {depth}", fog.lookup(p));
-        assert!(!(0.3..0.7).contains(&depth) || (fog.lookup(p) - depth).abs() < 0.02, "{p}");
+        assert!((fog.lookup(p) - depth.clamp(0.0, 1.0)).abs() < 1e-4, "{p}: {} {depth}", fog.lookup(p));
     }
-    assert!(seen.iter().all(|&n| n > 1000), "{seen:?}");
+    assert!(seen.iter().all(|&n| n > 500), "{seen:?}");
     let e = try_load(&types(), Select::Index(0), DAffine3::IDENTITY, Allowed::NON_NEGATIVE, (true, false));
     // Grids of no class may be level sets that lost it; this one has no band.
     assert!(e.unwrap_err().contains("narrow band"));

@@ -158,7 +158,9 @@ fn place(what: Movable, parts: &Parts<f64>) -> String {
         Movable::LightDirection(i) => format!("direction of {}", parts.lights[i].name),
         Movable::LightProfile(i) => format!("profile of {}", parts.lights[i].name),
         Movable::Environment(i) => format!("turn of {}", parts.lights[i].name),
-        Movable::Density(i) | Movable::Volume(i) => format!("place of the volume in {}", parts.media[i].name),
+        Movable::Density(i) | Movable::Glow(i) | Movable::Albedo(i) => {
+            format!("place of the volume in {}", parts.media[i].name)
+        }
         Movable::Sensor(i) => format!("view of {}", parts.sensors[i].name),
     }
 }
