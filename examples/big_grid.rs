@@ -31,7 +31,7 @@ fn density(p: [i32; 3]) -> f64 {
 fn write(path: &Path) {
     let mut leaves = Vec::new();
     let mut active_voxels = 0u64;
-    let blocks = BOX.map(|n| n.div_ceil(8));
+    let blocks = BOX.map(|n| (n + 7) / 8);
     for b in 0..blocks[0] * blocks[1] * blocks[2] {
         let origin = [b / (blocks[1] * blocks[2]) * 8, b / blocks[2] % blocks[1] * 8, b % blocks[2] * 8];
         let (mut active, mut values) = ([0u64; 8], vec![0.0f32; 512]);
