@@ -86,7 +86,6 @@ pub fn load_vdb(file: &VdbFile, how: Loading, warnings: &mut Vec<Warning>) -> Re
     let mut builder =
         GridBuilder::new(GridSource { channels, world_from_index, background, bbox: info.bbox, clip: None });
     let tiles = grid.tiles().map_err(fail)?;
-    builder.reserve(grid.leaf_count(), tiles.len());
     for mut t in tiles {
         fog.apply(&mut t.value);
         builder.tile(t.origin, t.size, t.value);

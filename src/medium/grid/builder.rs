@@ -2,6 +2,7 @@
 
 use super::bricks::BRICK;
 use super::nodes::{BACKGROUND, Block, Layout};
+use super::values::Segments;
 use super::{Filter, Frame, Grid};
 use crate::math::{DAffine3, DMat3, DVec3};
 use std::sync::Arc;
@@ -113,15 +114,22 @@ impl std::fmt::Display for BadVoxel {
 }
 
 /// The first value, in slot order, that is not allowed. `index` maps a slot to its node.
-pub(super) fn find_bad(
-    values: &[f32],
+pub(super) fn find_bad<'a>(
+    values: impl Iterator<Item = &'a [f32]>,
     channels: usize,
     allowed: Allowed,
     index: impl Fn(usize) -> [i32; 3],
 ) -> Result<(), BadVoxel> {
-    let Some(first) = values.iter().position(|&v| allowed.refuses(v)) else { return Ok(()) };
-    let count = values.iter().filter(|v| allowed.refuses(**v)).count();
-    Err(BadVoxel { index: index(first / channels), channel: first % channels, value: values[first], count })
+    let (mut first, mut count, mut before) = (None, 0, 0);
+    for slice in values {
+        let bad = slice.iter().filter(|v| allowed.refuses(**v)).count();
+        if bad > 0 && first.is_none() {
+            first = slice.iter().position(|&v| allowed.refuses(v)).map(|i| (before + i, slice[i]));
+        }
+        (count, before) = (count + bad, before + slice.len());
+    }
+    let Some((first, value)) = first else { return Ok(()) };
+    Err(BadVoxel { index: index(first / channels), channel: first % channels, value, count })
 }
 
 /// Collects leaves and tiles. Slots are given in the order of the calls: 512 per leaf, 1 per tile.
@@ -130,7 +138,7 @@ pub struct GridBuilder {
     source: GridSource,
     /// Lowest node, edge in nodes (`BRICK` with 512 slots: a leaf), first slot.
     blocks: Vec<([i32; 3], i32, Block)>,
-    values: Vec<f32>,
+    values: Segments,
     /// The first thing that went wrong.
     fault: Option<String>,
 }
@@ -141,7 +149,7 @@ impl GridBuilder {
             1 | 3 => None,
             n => Some(format!("a grid has 1 or 3 channels, not {n}")),
         };
-        GridBuilder { source, blocks: Vec::new(), values: Vec::new(), fault }
+        GridBuilder { source, blocks: Vec::new(), values: Segments::default(), fault }
     }
 
     /// 8^3 nodes, `values[((x << 6) | (y << 3) | z) * channels + c]`, the lowest at `origin` (multiples of 8).
@@ -171,7 +179,7 @@ impl GridBuilder {
         }
         if self.fault.is_none() {
             self.blocks.push((origin, size, Block { base: base as u32, stride }));
-            self.values.extend_from_slice(values);
+            self.values.push(values, self.source.channels);
         }
     }
 
@@ -179,15 +187,9 @@ impl GridBuilder {
         self.fault.get_or_insert(what);
     }
 
-    /// Make room for so many leaves and tiles at once.
-    pub fn reserve(&mut self, leaves: usize, tiles: usize) {
-        self.blocks.reserve_exact(leaves + tiles);
-        self.values.reserve_exact((leaves * LEAF + tiles) * self.source.channels);
-    }
-
     /// Report values that are not allowed.
     pub fn validate(&self, allowed: Allowed) -> Result<(), BadVoxel> {
-        find_bad(&self.values, self.source.channels, allowed, |slot| {
+        find_bad(self.values.slices(), self.source.channels, allowed, |slot| {
             let k = self.blocks.partition_point(|b| b.2.base as usize <= slot) - 1;
             let (origin, _, block) = self.blocks[k];
             let local = (slot - block.base as usize) as i32;
@@ -197,7 +199,9 @@ impl GridBuilder {
 
     /// Make all values allowed ones.
     pub fn repair(&mut self, allowed: Allowed) -> Repaired {
-        allowed.repair(&mut self.values)
+        let mut n = Repaired::default();
+        self.values.slices_mut().for_each(|s| n += allowed.repair(s));
+        n
     }
 
     pub fn build(self) -> Result<Grid, String> {
@@ -260,11 +264,18 @@ impl GridBuilder {
         } else {
             ([0, 1, 2].map(|a| whole[a].0 as i32), [0, 1, 2].map(|a| whole[a].1.min(i64::from(i32::MAX)) as i32))
         };
+        let mut values = self.values;
+        for (low, size, block) in &self.blocks {
+            // Bricks have an apron: nodes of a plane are read by the one before it, too, and by none behind.
+            let last = (i64::from(low[0]) + i64::from(*size) - 1 - i64::from(origin[0])) / BRICK as i64;
+            values.needed(block.base, if block.stride == 0 { 1 } else { LEAF }, last.max(0) as usize);
+        }
         let origins = self.blocks.iter().map(|b| (b.2.base, b.0)).collect();
-        let layout = Layout::Sparse { blocks, origins, range, count: self.values.len() / channels };
+        let layout = Layout::Sparse { blocks, origins, range, count: values.len() / channels };
         let filter = Filter::Trilinear;
         let frame = Frame { channels, background, filter, world_from_index, index_from_world, origin, dims, clip };
-        Ok(Grid::assemble(frame, Arc::new(layout), &self.values))
+        drop(self.blocks);
+        Ok(Grid::assemble(frame, Arc::new(layout), values))
     }
 }
 

@@ -118,7 +118,7 @@ impl Vol {
     pub fn validate(&self, allowed: Allowed) -> std::result::Result<(), BadVoxel> {
         let [nx, ny, _] = self.res;
         let index = |i: usize| [i % nx, i / nx % ny, i / nx / ny].map(|x| x as i32);
-        find_bad(&self.values, self.channels, allowed, index)
+        find_bad(std::iter::once(&self.values[..]), self.channels, allowed, index)
     }
 
     /// The field: values at voxel centres of the unit cube, placed by `world_from_unit`, 0 outside.
