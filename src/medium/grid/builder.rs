@@ -197,6 +197,15 @@ impl GridBuilder {
         })
     }
 
+    /// The same with its values in segments of `2^shift` slots.
+    #[cfg(test)]
+    pub(super) fn in_segments(mut self, shift: u32) -> Self {
+        let mut values = Segments::of(shift);
+        self.values.slices().for_each(|s| values.push(s, self.source.channels));
+        self.values = values;
+        self
+    }
+
     /// Make all values allowed ones.
     pub fn repair(&mut self, allowed: Allowed) -> Repaired {
         let mut n = Repaired::default();

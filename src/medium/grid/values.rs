@@ -2,8 +2,8 @@
 //!
 //! A large grid is in memory twice then. So a builder keeps its values in segments, and gives each back when the bricks that need it are done.
 
-/// Slots of a segment: 32 MiB a channel, so that its memory goes back to the system at once.
-const SEGMENT: usize = 1 << 23;
+/// Slots of a segment, as a power of two: 32 MiB a channel, so that its memory goes back to the system at once.
+const SEGMENT: u32 = 23;
 
 /// Where bricks take values from, channels interleaved.
 pub(super) trait Values {
@@ -22,17 +22,30 @@ impl Values for &[f32] {
 }
 
 /// Values in segments.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Segments {
+    /// Slots of each but the last, as a power of two.
+    shift: u32,
     segments: Vec<Vec<f32>>,
     /// The last plane of the table that needs the segment, where that is known.
     last: Vec<usize>,
 }
 
+impl Default for Segments {
+    fn default() -> Self {
+        Segments::of(SEGMENT)
+    }
+}
+
 impl Segments {
+    /// Of `2^shift` slots.
+    pub fn of(shift: u32) -> Self {
+        Segments { shift, segments: Vec::new(), last: Vec::new() }
+    }
+
     /// Append values of whole slots.
     pub fn push(&mut self, mut values: &[f32], channels: usize) {
-        let full = SEGMENT * channels;
+        let full = channels << self.shift;
         while !values.is_empty() {
             if self.segments.last().is_none_or(|s| s.len() == full) {
                 self.segments.push(Vec::new());
@@ -61,7 +74,7 @@ impl Segments {
     /// A block of values from `first` on is needed up to this plane of the table.
     pub fn needed(&mut self, first: u32, slots: usize, plane: usize) {
         self.last.resize(self.segments.len(), 0);
-        let (from, to) = (first as usize / SEGMENT, (first as usize + slots - 1) / SEGMENT);
+        let (from, to) = (first as usize >> self.shift, (first as usize + slots - 1) >> self.shift);
         self.last[from..=to].iter_mut().for_each(|l| *l = plane.max(*l));
     }
 }
@@ -69,8 +82,8 @@ impl Segments {
 impl Values for Segments {
     #[inline]
     fn of(&self, slot: u32, channels: usize) -> &[f32] {
-        let slot = slot as usize;
-        &self.segments[slot / SEGMENT][slot % SEGMENT * channels..][..channels]
+        let (slot, mask) = (slot as usize, (1 << self.shift) - 1);
+        &self.segments[slot >> self.shift][(slot & mask) * channels..][..channels]
     }
 
     fn done(&mut self, plane: usize) {
