@@ -1,10 +1,12 @@
-//! Participating media: extinction, albedo, phase function, and how both depend on slots.
+//! Participating media: extinction, albedo, phase function, emission, and how they depend on slots.
 
+pub mod glow;
 pub mod grid;
 
 use crate::math::{DVec3, Rgb};
-use crate::params::{Covector, Mover, ParamSet, Sink, Slot};
+use crate::params::{Mover, ParamSet, Sink, Slot};
 use crate::phase::Phase;
+use glow::Glow;
 use grid::Grid;
 use std::sync::Arc;
 
@@ -20,6 +22,14 @@ impl Volume {
         match self {
             Volume::Constant(c) => *c,
             Volume::Grid(g) => g.lookup_rgb(p),
+        }
+    }
+
+    /// Largest value, per channel.
+    pub fn max(&self) -> Rgb {
+        match self {
+            Volume::Constant(c) => *c,
+            Volume::Grid(g) => Rgb(g.max3()),
         }
     }
 
@@ -47,7 +57,6 @@ pub struct MediumSlots {
     pub albedo: Slot,
     pub scale: Slot,
     pub g: Slot,
-    pub emission: Slot,
     /// Of a density grid with a transform: the field moves with it.
     pub mover: Option<Mover>,
 }
@@ -62,7 +71,7 @@ pub struct Medium {
     pub scale: f64,
     pub albedo: Volume,
     /// Emitted radiance L_e, multiplied by sigma_a [S] (4).
-    pub emission: Option<Volume>,
+    pub emission: Option<Glow>,
     pub phase: Phase,
     pub slots: MediumSlots,
     /// Extinction and scattering of a homogeneous medium; of a grid medium, the largest ones.
@@ -101,7 +110,7 @@ impl Medium {
 
     /// Grids at whose boxes the medium may end: of density, albedo and emission.
     pub fn clipped_grids(&self) -> impl Iterator<Item = &Grid> {
-        let volumes = [Some(&self.density), Some(&self.albedo), self.emission.as_ref()];
+        let volumes = [Some(&self.density), Some(&self.albedo), self.emission.as_ref().map(|e| &e.volume)];
         volumes.into_iter().flatten().filter_map(Volume::clipped)
     }
 
@@ -154,12 +163,10 @@ impl Medium {
         self.share_partials(params, p, Rgb::ONE - self.albedo.at(p), -1.0, f);
     }
 
-    /// How sigma_t at a fixed point changes as its grid moves past, `-<∇σ_t, v>` ([T] section 3), times `weight`.
+    /// How sigma_t at a fixed point changes as its grid moves past, times `weight`.
     fn motion_partials(&self, mover: &Mover, p: DVec3, weight: Rgb, sink: &mut impl Sink) {
         let Some(grid) = self.density_grid() else { return };
-        let g = grid.gradient3(p);
-        let c = std::array::from_fn(|k| Rgb::from_fn(|c| -self.scale * weight[c] * g[c][k]));
-        mover.point(p, &Covector(c), sink);
+        mover.field(p, &grid.gradient3(p), weight * self.scale, sink);
     }
 
     /// The mover, if any parameter moves it.

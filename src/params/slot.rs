@@ -24,6 +24,12 @@ pub enum Quantity {
     Emission,
     /// Emitted radiance of a medium, per channel (multiplied by sigma_a).
     Glow,
+    /// Factor on a medium's emission.
+    GlowScale,
+    /// Temperature of a medium that shines as a black body, its scale to kelvin, and what is subtracted before.
+    Temperature,
+    TemperatureScale,
+    TemperatureOffset,
     /// Factor on an environment map.
     EnvironmentScale,
     /// Position of a point or spot light, world space.
@@ -38,6 +44,9 @@ pub enum Quantity {
     Shift,
     /// The linear part of its motion about the pivot, row by row ([`super::Mover`]).
     Deformation,
+    /// The same two of a medium's emission grid.
+    GlowShift,
+    GlowDeformation,
     /// A perspective camera's tangent of half the field of view, and its principal point.
     Lens,
     /// Vertices of a mesh, three numbers each, world space.
@@ -54,13 +63,17 @@ impl Quantity {
             Quantity::Reflectance => "reflectance",
             Quantity::Ior => "ior",
             Quantity::Emission | Quantity::Glow => "emission",
+            Quantity::GlowScale => "emission_scale",
+            Quantity::Temperature => "temperature",
+            Quantity::TemperatureScale => "temperature_scale",
+            Quantity::TemperatureOffset => "temperature_offset",
             Quantity::EnvironmentScale => "scale",
             Quantity::Position => "position",
             Quantity::Direction => "direction",
             Quantity::Angles => "angles",
             Quantity::Radius => "radius",
-            Quantity::Shift => "shift",
-            Quantity::Deformation => "deformation",
+            Quantity::Shift | Quantity::GlowShift => "shift",
+            Quantity::Deformation | Quantity::GlowDeformation => "deformation",
             Quantity::Lens => "lens",
             Quantity::Vertices => "vertices",
         }
@@ -68,8 +81,11 @@ impl Quantity {
 
     /// Whether it is a value at fixed points; otherwise something moves.
     pub fn is_value(self) -> bool {
-        use Quantity::{Angles, Deformation, Direction, Ior, Lens, Position, Radius, Shift, Vertices};
-        !matches!(self, Ior | Position | Direction | Angles | Radius | Shift | Deformation | Lens | Vertices)
+        use Quantity::{
+            Angles, Deformation, Direction, GlowDeformation, GlowShift, Ior, Lens, Position, Radius, Shift, Vertices,
+        };
+        let moves = matches!(self, Position | Direction | Shift | Deformation | GlowShift | GlowDeformation | Vertices);
+        !(moves || matches!(self, Ior | Angles | Radius | Lens))
     }
 }
 

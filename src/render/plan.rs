@@ -153,7 +153,7 @@ pub struct Motion {
     pub environment: bool,
     /// A volume moves by its transform.
     pub volume: bool,
-    /// Of those, one of albedo or emission.
+    /// Of those, one of albedo, or one of emission that ends at a box.
     pub other_volume: bool,
     /// The border at which its density jumps moves with it.
     pub border: bool,
@@ -488,7 +488,13 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
                 m.border |= ends;
                 m.box_border |= ends;
             }
-            Movable::Volume(_) => {
+            Movable::Glow(i) => {
+                m.volume = true;
+                // A field that jumps at its box would sweep it.
+                let emission = p.media[i].emission.as_ref();
+                m.other_volume |= emission.is_some_and(|e| matches!(e.volume, VolumePart::Vol { .. }));
+            }
+            Movable::Albedo(_) => {
                 m.volume = true;
                 m.other_volume = true;
             }

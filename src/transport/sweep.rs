@@ -82,6 +82,7 @@ pub struct SweepFacts {
 struct MediumFacts {
     source: bool,
     extinction: bool,
+    glow: bool,
     g: bool,
     kappa: f64,
     /// Gray media take the walked length, chromatic ones weigh the channels.
@@ -97,6 +98,7 @@ impl SweepFacts {
             .map(|m| MediumFacts {
                 source: m.source_active(params),
                 extinction: m.extinction_active(params),
+                glow: m.emission.as_ref().is_some_and(|e| e.active(params)),
                 g: m.g_active(params),
                 kappa: m.kappa,
                 model: m.clone(),
@@ -340,16 +342,18 @@ impl Sweep<'_> {
                 self.emission(*weight, emission, sink);
                 after += *weight * emission.color();
             }
-            Event::Glow { weight, emission, via, first_span, spans } => {
-                self.emission(*weight * via.sigma, emission, sink);
-                let l = *weight * emission.color();
+            Event::Glow { weight, radiance, via, first_span, spans } => {
+                let l = *weight * *radiance;
                 let value = l * via.sigma;
                 for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
                     self.transmittance(span, value, sink);
                 }
-                // Drawn without regard to sigma_a: nothing to divide by.
-                if self.facts.media[via.medium as usize].source {
-                    let m = &self.scene.media[via.medium as usize];
+                // Drawn without regard to sigma_a and L_e: nothing to divide by.
+                let (m, facts) = (&self.scene.media[via.medium as usize], &self.facts.media[via.medium as usize]);
+                if let Some(e) = m.emission.as_ref().filter(|_| facts.glow) {
+                    e.partials(self.params, via.p, *weight * via.sigma, sink);
+                }
+                if facts.source {
                     m.sigma_a_partials(self.params, via.p, |slot, d| sink.add(slot, d * l));
                 }
                 after += value;

@@ -13,7 +13,7 @@ use super::tracking;
 use super::{beam, beside, camera_line, connect, light_centred, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
-use crate::medium::{Medium, NO_SLOT};
+use crate::medium::Medium;
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::surface::Surface;
 use std::sync::Arc;
@@ -307,12 +307,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
         let medium = &self.scene.media[span.medium as usize];
         let p = span.o + span.w * t;
-        let Some((sigma_a, color)) = medium.glow(p) else { return };
-        let (first, unit) =
-            if medium.slots.emission == NO_SLOT { (NO_SLOT, color) } else { (medium.slots.emission, Rgb::ONE) };
-        let value = if first == NO_SLOT { Rgb::ONE } else { color };
-        let emission = crate::light::Emission { first, per_channel: true, unit, value };
-        let value = weight * sigma_a * emission.color();
+        let Some((sigma_a, radiance)) = medium.glow(p) else { return };
+        let value = weight * sigma_a * radiance;
         self.value += value;
         self.rec.score(order, value);
         if R::ON {
@@ -321,7 +317,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             self.rec.side_span(span.until(t));
             let spans = self.rec.side_len() - first_span;
             let via = Drawn { medium: span.medium, p, sigma: sigma_a, span, lead: spans };
-            self.rec.push(Event::Glow { weight, emission, via, first_span, spans });
+            self.rec.push(Event::Glow { weight, radiance, via, first_span, spans });
         }
     }
 

@@ -29,6 +29,7 @@ mod rooms;
 mod scenes;
 mod stress;
 mod techniques;
+mod temperature;
 mod vdb;
 mod vertices;
 mod vertices_cli;
