@@ -1,9 +1,9 @@
 //! Warnings that need the whole scene: cameras and lights in media that they do not name.
 
+use super::beams::is_flat;
 use super::parts::Parts;
 use super::{On, Scene};
 use crate::error::{Span, Warning, WarningKind};
-use super::beams::is_flat;
 use crate::light::LightKind;
 use crate::math::DVec3;
 use crate::shape::{Geometry, Shape};

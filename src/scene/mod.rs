@@ -1,8 +1,8 @@
 //! Scenes: from a description (XML) to what can be rendered.
 
 pub mod advice;
-pub mod beams;
 pub mod arrays;
+pub mod beams;
 pub mod compile;
 pub mod desc;
 pub mod geometry;

@@ -136,14 +136,31 @@ pub struct MediumPart<R> {
 }
 
 pub enum LightKindPart<R> {
-    Point { position: V3<R> },
-    Spot { to_world: Mat4<R>, beam: R, cutoff: R },
-    Directional { direction: V3<R> },
+    Point {
+        position: V3<R>,
+    },
+    Spot {
+        to_world: Mat4<R>,
+        beam: R,
+        cutoff: R,
+    },
+    Directional {
+        direction: V3<R>,
+    },
     /// From the origin along +z of `to_world`.
-    Beam { to_world: Mat4<R>, radius: R, gaussian: bool },
-    Area { shape: usize },
+    Beam {
+        to_world: Mat4<R>,
+        radius: R,
+        gaussian: bool,
+    },
+    Area {
+        shape: usize,
+    },
     Constant,
-    Envmap { path: PathBuf, to_world: Mat4<R> },
+    Envmap {
+        path: PathBuf,
+        to_world: Mat4<R>,
+    },
 }
 
 impl<R: Real> LightKindPart<R> {

@@ -12,7 +12,6 @@ use crate::params::Partial;
 use crate::phase::one_minus_cos;
 use crate::scene::beams::Way;
 use crate::scene::{On, Scene};
-use crate::transport::{beam, camera_line};
 use crate::transport::beam_motion::distance_forms;
 use crate::transport::chained::Starts;
 use crate::transport::first::{Met, Nth, Opening, Seen};
@@ -20,6 +19,7 @@ use crate::transport::record::{Event, MediumSpan, PathRecord};
 use crate::transport::tracking;
 use crate::transport::velocity::Velocity;
 use crate::transport::walk::{State, Walker};
+use crate::transport::{beam, camera_line};
 
 /// Ways of all beams with a hard edge.
 pub struct HardBeams {
@@ -41,7 +41,8 @@ impl HardBeams {
             let l = &scene.lights[w.light as usize];
             matches!(l.kind, LightKind::Beam { gaussian: false, .. }) && motion.surfaces()
         };
-        let ways: Vec<u32> = (0..scene.beams.ways.len() as u32).filter(|&k| hard(&scene.beams.ways[k as usize])).collect();
+        let ways: Vec<u32> =
+            (0..scene.beams.ways.len() as u32).filter(|&k| hard(&scene.beams.ways[k as usize])).collect();
         (!ways.is_empty()).then_some(HardBeams { ways })
     }
 
@@ -112,7 +113,8 @@ impl HardBeams {
                 let Some(shadow) = beam::clear(scene, way, &points, from, rng, &mut |_| {}) else { continue };
                 let m = &scene.media[span.medium as usize];
                 let f = m.phase.eval(one_minus_cos(span.w, -way.w));
-                let flux = (walked.weight)(t) * m.coefficients(p).1 * shadow * way.gain * light.value * (f / slope.abs());
+                let flux =
+                    (walked.weight)(t) * m.coefficients(p).1 * shadow * way.gain * light.value * (f / slope.abs());
                 if flux.is_zero() {
                     continue;
                 }

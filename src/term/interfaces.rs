@@ -6,8 +6,8 @@
 
 use super::Motion;
 use crate::error::{Error, Result};
-use crate::params::ParamSet;
 use crate::light::LightKind;
+use crate::params::ParamSet;
 use crate::scene::{Instance, Scene};
 use crate::shape::Shape;
 
@@ -24,7 +24,9 @@ pub fn check(scene: &Scene, motion: &Motion, params: &ParamSet) -> Result<()> {
     // Beams find their way.
     let others = scene.lights.iter().zip(&motion.lights).filter(|(l, _)| !matches!(l.kind, LightKind::Beam { .. }));
     if others.into_iter().any(|(_, m)| m.position || m.direction || m.angles) {
-        let what = format!("`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet");
+        let what = format!(
+            "`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet"
+        );
         return Err(Error::usage(what, "differentiate with respect to something else, or take the interface out"));
     }
     let index = scene.surfaces.iter().any(|s| s.refracts_by(params));
@@ -47,7 +49,10 @@ pub fn check(scene: &Scene, motion: &Motion, params: &ParamSet) -> Result<()> {
         return Err(Error::usage(what, "light such a scene by an environment or by media that emit"));
     }
     if let Some(l) = scene.lights.iter().find(|l| l.is_delta()) {
-        let what = format!("`{name}` mirrors or refracts, and something moves: the shadows of the light `{}` at it cannot be differentiated yet", l.name);
+        let what = format!(
+            "`{name}` mirrors or refracts, and something moves: the shadows of the light `{}` at it cannot be differentiated yet",
+            l.name
+        );
         return Err(Error::usage(what, "light such a scene by an environment or by media that emit"));
     }
     Ok(())
@@ -59,7 +64,10 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
     let Some(beam) = beam.filter(|_| motion.surfaces()) else { return Ok(()) };
     let outlined = |s: &&Instance| !scene.is_null(s) && !scene.surfaces[s.surface as usize].is_smooth();
     if let Some(s) = scene.shapes.iter().find(outlined) {
-        let what = format!("`{}` may stand in the beam `{}`: how its shadow there moves cannot be told yet", s.name, beam.name);
+        let what = format!(
+            "`{}` may stand in the beam `{}`: how its shadow there moves cannot be told yet",
+            s.name, beam.name
+        );
         return Err(Error::usage(what, "take it out, or use a directional light"));
     }
     Ok(())

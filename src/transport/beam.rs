@@ -69,7 +69,15 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
         w.rec.score(order, value);
         if R::ON {
             let (end, spans) = (End::Beam(id as u32), w.rec.side_len() - first);
-            w.rec.push(Event::Connect { weight, emission, end, first_span: first, spans, phase: [phase, None], via: None });
+            w.rec.push(Event::Connect {
+                weight,
+                emission,
+                end,
+                first_span: first,
+                spans,
+                phase: [phase, None],
+                via: None,
+            });
         }
     }
 }

@@ -75,7 +75,8 @@ impl Starts {
                 (last.first, last.place) = (line(scene, moving, &last.ray).first(&s), At::Event(k));
             }
             if let (None, Some(z)) = (before.second, opening.second) {
-                (last.first, last.second) = (line(scene, moving, &last.ray).then(std::mem::take(&mut last.first), &z), At::Event(k));
+                (last.first, last.second) =
+                    (line(scene, moving, &last.ray).then(std::mem::take(&mut last.first), &z), At::Event(k));
             }
         }
         Starts(list)

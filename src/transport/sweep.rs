@@ -310,8 +310,7 @@ impl Sweep<'_> {
             if let Some(start) = starts.at(k) {
                 let moving = &self.facts.moving;
                 let Start { first, ray, .. } = start;
-                let mut cx =
-                    Chained { scene: self.scene, sensor: self.sensor, moving, ray, first, after: false, sink };
+                let mut cx = Chained { scene: self.scene, sensor: self.sensor, moving, ray, first, after: false, sink };
                 start.event(&mut cx, chain, rec, k, after);
             }
             after = self.event(rec, e, after, sink);

@@ -28,14 +28,8 @@ fn beam(profile: &str, width: f64) -> String {
 #[test]
 fn d1_gaussian_beam_through_a_plane() {
     let names = ["n", "bx", "cx", "w", "h", "g"];
-    let truths = [
-        -0.00735093818301,
-        -0.0180619940373,
-        0.0180619940373,
-        0.0454462080755,
-        -0.00835238371546,
-        -0.0126750893882,
-    ];
+    let truths =
+        [-0.00735093818301, -0.0180619940373, 0.0180619940373, 0.0454462080755, -0.00835238371546, -0.0126750893882];
     let e = forward(&beam("gaussian", 0.25), &names, 1 << 20);
     check("L", &e[0], 0.004461070059817, 0.005);
     for ((e, name), truth) in e[1..].iter().zip(names).zip(truths) {
