@@ -3,9 +3,9 @@
 pub mod grid;
 
 use crate::math::{DVec3, Rgb};
-use crate::params::{Covector, Mover, ParamSet, Sink, Slot};
+use crate::params::{Covector, Mover, ParamSet, Quantity, Sink, Slot};
 use crate::phase::Phase;
-use grid::Grid;
+use grid::{Grid, NodeId};
 use std::sync::Arc;
 
 /// A volume of numbers: constant, or a grid times nothing (scaling is the medium's).
@@ -31,6 +31,36 @@ impl Volume {
         }
     }
 
+    /// Partials of what has the partials `weight` by the volume's value at a point: by its channels, or by the voxels around.
+    fn partials(&self, params: &ParamSet, first: Slot, p: DVec3, weight: Rgb, f: &mut impl FnMut(Slot, Rgb)) {
+        if first == NO_SLOT {
+            return;
+        }
+        match self {
+            Volume::Constant(_) => {
+                for c in 0..3 {
+                    if params.is_active(first + c as Slot) {
+                        f(first + c as Slot, Rgb::channel(c, weight[c]));
+                    }
+                }
+            }
+            Volume::Grid(g) if params.is_active(first) => {
+                for (id, w) in g.nodes(p) {
+                    if let Some(id) = id {
+                        voxel(g, first, id, weight * w, f);
+                    }
+                }
+            }
+            Volume::Grid(_) => {}
+        }
+    }
+
+    /// Whether any slot from this one on is active that belongs to it.
+    fn active(&self, params: &ParamSet, first: Slot) -> bool {
+        let len = if matches!(self, Volume::Grid(_)) { 1 } else { 3 };
+        first != NO_SLOT && params.block_active(first, len)
+    }
+
     /// Per channel, 1/length.
     pub fn gradient(&self, p: DVec3) -> [DVec3; 3] {
         match self {
@@ -40,7 +70,7 @@ impl Volume {
     }
 }
 
-/// Slots of a medium; `u32::MAX` where the quantity is a grid or does not exist.
+/// First slots of a medium's quantities; `u32::MAX` where one does not exist, or is a grid whose voxels are not open as an array.
 #[derive(Clone, Copy, Debug)]
 pub struct MediumSlots {
     pub sigma_t: Slot,
@@ -53,6 +83,16 @@ pub struct MediumSlots {
 }
 
 pub const NO_SLOT: Slot = Slot::MAX;
+
+/// Partials by one stored value of an open grid, of what has the partials `weight` by its channels.
+#[inline]
+fn voxel(g: &Grid, first: Slot, id: NodeId, weight: Rgb, f: &mut impl FnMut(Slot, Rgb)) {
+    match g.active_index(id) {
+        Some(k) if g.channels() == 1 => f(first + k, weight),
+        Some(k) => (0..3).for_each(|c| f(first + 3 * k + c as Slot, Rgb::channel(c, weight[c]))),
+        None => {}
+    }
+}
 
 /// `sigma_t(x) = scale * density(x)`, `sigma_s(x) = albedo(x) * sigma_t(x)`.
 #[derive(Clone, Debug)]
@@ -177,13 +217,14 @@ impl Medium {
         if s.scale != NO_SLOT && params.is_active(s.scale) {
             f(s.scale, density * share);
         }
-        for c in 0..3 {
-            if s.sigma_t != NO_SLOT && params.is_active(s.sigma_t + c as Slot) {
-                f(s.sigma_t + c as Slot, Rgb::channel(c, self.scale * share[c]));
-            }
-            if s.albedo != NO_SLOT && params.is_active(s.albedo + c as Slot) {
-                f(s.albedo + c as Slot, Rgb::channel(c, slope * self.scale * density[c]));
-            }
+        self.density.partials(params, s.sigma_t, p, share * self.scale, &mut f);
+        self.albedo.partials(params, s.albedo, p, density * (slope * self.scale), &mut f);
+    }
+
+    /// Partials of what has the partials `weight` by L_e at a point.
+    pub fn emission_partials(&self, params: &ParamSet, p: DVec3, weight: Rgb, mut f: impl FnMut(Slot, Rgb)) {
+        if let Some(e) = &self.emission {
+            e.partials(params, self.slots.emission, p, weight, &mut f);
         }
     }
 
@@ -205,12 +246,17 @@ impl Medium {
         if s.scale != NO_SLOT && params.is_active(s.scale) {
             f(s.scale, self.density_integral(o, w, t0, t1));
         }
-        if s.sigma_t != NO_SLOT {
-            for c in 0..3 {
-                if params.is_active(s.sigma_t + c as Slot) {
-                    f(s.sigma_t + c as Slot, Rgb::channel(c, self.scale * (t1 - t0)));
-                }
+        if s.sigma_t == NO_SLOT {
+            return;
+        }
+        match &self.density {
+            Volume::Constant(_) => {
+                self.density.partials(params, s.sigma_t, o, Rgb::splat(self.scale * (t1 - t0)), &mut f)
             }
+            Volume::Grid(g) if params.is_active(s.sigma_t) => g.integrate_nodes(o, w, t0, t1, &mut |id, weight| {
+                voxel(g, s.sigma_t, id, Rgb::splat(self.scale * weight), &mut f);
+            }),
+            Volume::Grid(_) => {}
         }
     }
 
@@ -225,16 +271,45 @@ impl Medium {
 
     /// Whether any slot that scattering depends on is active.
     pub fn source_active(&self, params: &ParamSet) -> bool {
-        let s = &self.slots;
-        let values = [(s.sigma_t, 3), (s.albedo, 3), (s.scale, 1)];
-        values.iter().any(|&(f, n)| f != NO_SLOT && params.block_active(f, n)) || self.moves(params).is_some()
+        self.extinction_active(params) || self.albedo.active(params, self.slots.albedo)
     }
 
     /// Whether any slot that extinction depends on is active.
     pub fn extinction_active(&self, params: &ParamSet) -> bool {
-        let s = &self.slots;
-        let values = [(s.sigma_t, 3), (s.scale, 1)];
-        values.iter().any(|&(f, n)| f != NO_SLOT && params.block_active(f, n)) || self.moves(params).is_some()
+        let scale = self.slots.scale;
+        self.density.active(params, self.slots.sigma_t)
+            || scale != NO_SLOT && params.is_active(scale)
+            || self.moves(params).is_some()
+    }
+
+    /// The volume that carries a quantity, with its first slot.
+    pub fn volume_mut(&mut self, quantity: Quantity) -> Option<(&mut Volume, &mut Slot)> {
+        let s = &mut self.slots;
+        match quantity {
+            Quantity::SigmaT => Some((&mut self.density, &mut s.sigma_t)),
+            Quantity::Albedo => Some((&mut self.albedo, &mut s.albedo)),
+            Quantity::Glow => self.emission.as_mut().map(|e| (e, &mut s.emission)),
+            _ => None,
+        }
+    }
+
+    /// The grid that carries a quantity, with the first slot of its voxels.
+    pub fn grid_of(&self, quantity: Quantity) -> Option<(&Arc<Grid>, Slot)> {
+        let (volume, first) = match quantity {
+            Quantity::SigmaT => (&self.density, self.slots.sigma_t),
+            Quantity::Albedo => (&self.albedo, self.slots.albedo),
+            Quantity::Glow => (self.emission.as_ref()?, self.slots.emission),
+            _ => return None,
+        };
+        match volume {
+            Volume::Grid(g) => Some((g, first)),
+            Volume::Constant(_) => None,
+        }
+    }
+
+    /// Whether voxels of its emission are active; a constant one is the emission's own business ([`crate::light::Emission`]).
+    pub fn glow_voxels_active(&self, params: &ParamSet) -> bool {
+        self.grid_of(Quantity::Glow).is_some_and(|(_, first)| first != NO_SLOT && params.is_active(first))
     }
 
     pub fn g_active(&self, params: &ParamSet) -> bool {

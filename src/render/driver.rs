@@ -185,7 +185,7 @@ impl Job<'_> {
         let reverse = matches!(self.mode, Mode::Reverse(..));
         let slots = &self.scene.slots;
         let size = match reverse {
-            true => Size { scalars: slots.scalars, arrays: slots.values.len() - slots.scalars },
+            true => Size { scalars: slots.scalars, arrays: slots.count - slots.scalars },
             false => Size { scalars: 0, arrays: 0 },
         };
         let mut gradients = Batches::new(size);

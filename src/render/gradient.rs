@@ -2,11 +2,14 @@
 //!
 //! Over scalar slots every work item (a tile, a block of outward samples) has sums of its own, added in the items' order. Arrays may have millions of slots: there
 //! items share a bounded number of sums, whose number depends on the arrays' size alone. Item k adds to sum k mod n, one item after the other.
+//! Sums are begun one after the other too and added up in that order: those alive are the threads' own, and those that wait for a slower one before them.
 
 use crate::params::Reverse;
-use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
-/// What the shared sums of arrays may hold at a time, in bytes, within these numbers of sums.
+/// What the shared sums of arrays may hold, in bytes, within these numbers of sums.
 const SHARED: usize = 1 << 28;
 const SUMS: (usize, usize) = (8, 256);
 
@@ -43,6 +46,8 @@ impl Gradient {
     pub fn gather(&mut self, items: usize, reverse: bool, work: impl Fn(usize, &mut Option<Reverse>) + Sync) {
         let size = Size { scalars: self.scalars.len(), arrays: if reverse { self.arrays.len() } else { 0 } };
         let sums = size.sums(items);
+        let total = &mut self.arrays;
+        let done = Mutex::new(Done { total, next: 0, waiting: BTreeMap::new(), scalars: vec![Vec::new(); sums] });
         let share = |first: usize| {
             let mut arrays = vec![0.0; size.arrays];
             let own = (first..items).step_by(sums).map(|item| {
@@ -53,13 +58,43 @@ impl Gradient {
                     r.scalars
                 })
             });
-            (own.collect::<Vec<_>>(), arrays)
+            let own = own.collect::<Vec<_>>();
+            done.lock().unwrap_or_else(PoisonError::into_inner).finish(first, own, arrays);
         };
-        let shares: Vec<_> = (0..sums).into_par_iter().map(share).collect();
+        let begun = AtomicUsize::new(0);
+        let threads = rayon::current_num_threads().min(sums);
+        rayon::scope(|s| {
+            for _ in 0..threads {
+                s.spawn(|_| {
+                    while let Some(k) = Some(begun.fetch_add(1, Ordering::Relaxed)).filter(|&k| k < sums) {
+                        share(k);
+                    }
+                });
+            }
+        });
+        let scalars = done.into_inner().unwrap_or_else(PoisonError::into_inner).scalars;
         for item in 0..items {
-            add(&mut self.scalars, &shares[item % sums].0[item / sums]);
+            add(&mut self.scalars, &scalars[item % sums][item / sums]);
         }
-        shares.iter().for_each(|s| add(&mut self.arrays, &s.1));
+    }
+}
+
+/// Sums that are complete: of arrays those up to `next` in the total, others waiting; of scalars one an item.
+struct Done<'a> {
+    total: &'a mut [f64],
+    next: usize,
+    waiting: BTreeMap<usize, Vec<f64>>,
+    scalars: Vec<Vec<Vec<f64>>>,
+}
+
+impl Done<'_> {
+    fn finish(&mut self, k: usize, scalars: Vec<Vec<f64>>, arrays: Vec<f64>) {
+        self.scalars[k] = scalars;
+        self.waiting.insert(k, arrays);
+        while let Some(sum) = self.waiting.remove(&self.next) {
+            add(self.total, &sum);
+            self.next += 1;
+        }
     }
 }
 

@@ -5,6 +5,7 @@
 use crate::error::{Error, Result};
 use crate::math::Dual;
 use crate::params::Quantity;
+use crate::scene::arrays::Target;
 use crate::scene::desc::suggest;
 use crate::scene::parts::{LightKindPart, Movable, Parts, ShapeKind, SurfacePart, VolumePart};
 use crate::scene::{SceneDesc, arrays};
@@ -310,7 +311,10 @@ impl Plan {
         let mut missing = Vec::new();
         for name in wrt {
             let motion = match arrays::split(name) {
-                Some(_) => motion_of_mesh(&parts, arrays::mesh(&parts, name)?),
+                Some(_) => match arrays::target(&parts, name)? {
+                    Target::Vertices(shape) => motion_of_mesh(&parts, shape),
+                    Target::Voxels(..) => Motion { values: true, ..Motion::default() },
+                },
                 None => motion(&parts, &Parts::read(desc, &desc.dual(desc.wrt(name)?))?),
             };
             for (term, why) in needed(&facts, &motion) {

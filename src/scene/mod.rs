@@ -18,6 +18,7 @@ mod source;
 pub mod transform;
 pub mod value;
 pub mod volumes;
+pub mod voxels;
 pub mod xml;
 
 pub use desc::{Env, SceneDesc};

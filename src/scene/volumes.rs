@@ -53,9 +53,11 @@ pub fn load_vdb(
         let mut b = GridBuilder::new(source.clone());
         for t in &grid.tiles {
             b.tile(t.origin, t.size, t.value);
+            b.activate([if t.active { u64::MAX } else { 0 }; 8]);
         }
         for l in &grid.leaves {
             b.leaf(l.origin, &l.values);
+            b.activate(l.active);
         }
         b
     };

@@ -83,6 +83,8 @@ struct MediumFacts {
     source: bool,
     extinction: bool,
     g: bool,
+    /// Voxels of its emission.
+    glow: bool,
     kappa: f64,
     /// Gray media take the walked length, chromatic ones weigh the channels.
     model: Medium,
@@ -98,6 +100,7 @@ impl SweepFacts {
                 source: m.source_active(params),
                 extinction: m.extinction_active(params),
                 g: m.g_active(params),
+                glow: m.glow_voxels_active(params),
                 kappa: m.kappa,
                 model: m.clone(),
             })
@@ -341,6 +344,10 @@ impl Sweep<'_> {
             }
             Event::Glow { weight, emission, via, first_span, spans } => {
                 self.emission(*weight * via.sigma, emission, sink);
+                let m = &self.scene.media[via.medium as usize];
+                if self.facts.media[via.medium as usize].glow {
+                    m.emission_partials(self.params, via.p, *weight * via.sigma, |slot, d| sink.add(slot, d));
+                }
                 let l = *weight * emission.color();
                 let value = l * via.sigma;
                 for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
@@ -348,7 +355,6 @@ impl Sweep<'_> {
                 }
                 // Drawn without regard to sigma_a: nothing to divide by.
                 if self.facts.media[via.medium as usize].source {
-                    let m = &self.scene.media[via.medium as usize];
                     m.sigma_a_partials(self.params, via.p, |slot, d| sink.add(slot, d * l));
                 }
                 after += value;

@@ -13,7 +13,7 @@ use super::tracking;
 use super::{beside, camera_line, connect, light_centred, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
-use crate::medium::{Medium, NO_SLOT};
+use crate::medium::{Medium, NO_SLOT, Volume};
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::surface::Surface;
 use std::sync::Arc;
@@ -308,9 +308,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let medium = &self.scene.media[span.medium as usize];
         let p = span.o + span.w * t;
         let Some((sigma_a, color)) = medium.glow(p) else { return };
-        let (first, unit) =
-            if medium.slots.emission == NO_SLOT { (NO_SLOT, color) } else { (medium.slots.emission, Rgb::ONE) };
-        let value = if first == NO_SLOT { Rgb::ONE } else { color };
+        let constant = matches!(medium.emission, Some(Volume::Constant(_)));
+        let (first, unit, value) =
+            if constant { (medium.slots.emission, Rgb::ONE, color) } else { (NO_SLOT, color, Rgb::ONE) };
         let emission = crate::light::Emission { first, per_channel: true, unit, value };
         let value = weight * sigma_a * emission.color();
         self.value += value;

@@ -31,3 +31,5 @@ mod techniques;
 mod vdb;
 mod vertices;
 mod vertices_cli;
+mod voxels;
+mod voxels_cli;

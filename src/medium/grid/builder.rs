@@ -1,13 +1,11 @@
 //! Grids from OpenVDB's leaves and tiles, and from dense arrays.
 
 use super::bricks::BRICK;
-use super::nodes::{BACKGROUND, Block, Layout};
-use super::{Filter, Frame, Grid};
+use super::nodes::{BACKGROUND, Block, LEAF, Layout, Stored};
+use super::{Filter, Frame, Grid, Mask};
 use crate::math::{DAffine3, DMat3, DVec3};
 use std::sync::Arc;
 
-/// Nodes of a leaf.
-const LEAF: usize = BRICK * BRICK * BRICK;
 /// Bricks that a table may have: about a gigabyte of table.
 const TABLE_LIMIT: i64 = 1 << 26;
 
@@ -60,8 +58,7 @@ pub(super) fn find_bad(
 #[derive(Clone, Debug)]
 pub struct GridBuilder {
     source: GridSource,
-    /// Lowest node, edge in nodes (`BRICK` with 512 slots: a leaf), first slot.
-    blocks: Vec<([i32; 3], i32, Block)>,
+    blocks: Vec<Stored>,
     values: Vec<f32>,
     /// The first thing that went wrong.
     fault: Option<String>,
@@ -81,7 +78,7 @@ impl GridBuilder {
         if values.len() != LEAF * self.source.channels {
             self.fail(format!("a leaf at {origin:?} has {} values", values.len()));
         }
-        self.add(origin, BRICK as i32, 1, values);
+        self.add(origin, BRICK as i32, true, values);
     }
 
     /// A cube of nodes of one value, `size` nodes wide (a multiple of 8, as is `origin`). A leaf inside takes precedence.
@@ -90,10 +87,17 @@ impl GridBuilder {
             self.fail(format!("a tile at {origin:?} is {size} nodes wide"));
         }
         let channels = self.source.channels.min(3);
-        self.add(origin, size, 0, &value[..channels]);
+        self.add(origin, size, false, &value[..channels]);
     }
 
-    fn add(&mut self, origin: [i32; 3], size: i32, stride: u32, values: &[f32]) {
+    /// Which voxels of the leaf or tile given last are active: all, unless this is called. A tile is if any bit is set.
+    pub fn activate(&mut self, active: Mask) {
+        if let Some(last) = self.blocks.last_mut() {
+            last.active = active;
+        }
+    }
+
+    fn add(&mut self, origin: [i32; 3], size: i32, leaf: bool, values: &[f32]) {
         if origin.iter().any(|o| o.rem_euclid(BRICK as i32) != 0) {
             self.fail(format!("a block's origin {origin:?} is not a multiple of {BRICK}"));
         }
@@ -102,7 +106,7 @@ impl GridBuilder {
             self.fail("a grid has more than 2^32 voxels".into());
         }
         if self.fault.is_none() {
-            self.blocks.push((origin, size, Block { base: base as u32, stride }));
+            self.blocks.push(Stored { base: base as u32, origin, size, leaf, active: [u64::MAX; 8], rank: 0 });
             self.values.extend_from_slice(values);
         }
     }
@@ -114,9 +118,8 @@ impl GridBuilder {
     /// Report values that are not finite, or negative ones if they must not be.
     pub fn validate(&self, non_negative: bool) -> Result<(), BadVoxel> {
         find_bad(&self.values, self.source.channels, non_negative, |slot| {
-            let k = self.blocks.partition_point(|b| b.2.base as usize <= slot) - 1;
-            let (origin, _, block) = self.blocks[k];
-            let local = (slot - block.base as usize) as i32;
+            let Stored { base, origin, .. } = self.blocks[self.blocks.partition_point(|b| b.base as usize <= slot) - 1];
+            let local = (slot - base as usize) as i32;
             [origin[0] + (local >> 6), origin[1] + (local >> 3 & 7), origin[2] + (local & 7)]
         })
     }
@@ -131,8 +134,8 @@ impl GridBuilder {
 
         // Find the nodes that may differ from the background.
         let whole = (0..3).map(|a| {
-            let low = self.blocks.iter().map(|b| i64::from(b.0[a])).min().unwrap_or(0);
-            let high = self.blocks.iter().map(|b| i64::from(b.0[a]) + i64::from(b.1) - 1).max().unwrap_or(-1);
+            let low = self.blocks.iter().map(|b| i64::from(b.origin[a])).min().unwrap_or(0);
+            let high = self.blocks.iter().map(|b| i64::from(b.origin[a]) + i64::from(b.size) - 1).max().unwrap_or(-1);
             bbox.map_or((low, high), |(l, h)| (low.max(i64::from(l[a])), high.min(i64::from(h[a]))))
         });
         let whole: Vec<(i64, i64)> = whole.collect();
@@ -157,8 +160,9 @@ impl GridBuilder {
 
         // Enter tiles, then leaves on top.
         let mut blocks = vec![BACKGROUND; dims.iter().product()];
-        for leaves in [0, 1] {
-            for (low, size, block) in self.blocks.iter().filter(|b| b.2.stride == leaves) {
+        for leaves in [false, true] {
+            for Stored { base, origin: low, size, leaf, .. } in self.blocks.iter().filter(|b| b.leaf == leaves) {
+                let block = Block { base: *base, stride: u32::from(*leaf) };
                 let cover = |a: usize| {
                     let from = (i64::from(low[a]) - i64::from(origin[a])) / BRICK as i64;
                     from.max(0) as usize..(from + i64::from(size / BRICK as i32)).clamp(0, dims[a] as i64) as usize
@@ -167,10 +171,10 @@ impl GridBuilder {
                     for y in cover(1) {
                         for z in cover(2) {
                             let at = &mut blocks[(x * dims[1] + y) * dims[2] + z];
-                            if leaves == 1 && at.stride == 1 {
+                            if leaves && at.stride == 1 {
                                 return Err(format!("two leaves at {low:?}"));
                             }
-                            *at = *block;
+                            *at = block;
                         }
                     }
                 }
@@ -181,8 +185,14 @@ impl GridBuilder {
         } else {
             ([0, 1, 2].map(|a| whole[a].0 as i32), [0, 1, 2].map(|a| whole[a].1.min(i64::from(i32::MAX)) as i32))
         };
-        let origins = self.blocks.iter().map(|b| (b.2.base, b.0)).collect();
-        let layout = Layout::Sparse { blocks, origins, range, count: self.values.len() / channels };
+        let (mut stored, count) = (self.blocks, self.values.len() / channels);
+        let mut rank = 0;
+        for s in &mut stored {
+            (s.rank, rank) = (rank, rank + s.count());
+        }
+        let holder = |slot: usize| stored.partition_point(|s| s.base as usize <= slot) as u32 - 1;
+        let chunks = (0..count).step_by(LEAF).map(holder).collect();
+        let layout = Layout::Sparse { blocks, stored, chunks, range, count };
         let filter = Filter::Trilinear;
         let frame = Frame { channels, background, filter, world_from_index, index_from_world, origin, dims, clip };
         Ok(Grid::assemble(frame, Arc::new(layout), &self.values))

@@ -4,8 +4,11 @@
 //! none. Nodes repeated in several bricks, or by clamping at the border of a dense array, share their slot.
 
 use super::bricks::{BRICK, ROW};
-use super::{Frame, Grid};
+use super::{Frame, Grid, Mask};
 use crate::math::DVec3;
+
+/// Nodes of a leaf.
+pub(super) const LEAF: usize = BRICK * BRICK * BRICK;
 
 /// The slot of a stored value, `0..node_count()`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -21,6 +24,21 @@ pub(super) struct Block {
 
 pub(super) const BACKGROUND: Block = Block { base: u32::MAX, stride: 0 };
 
+/// A leaf or a tile as it was given.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stored {
+    /// First slot.
+    pub base: u32,
+    /// Lowest node, edge in nodes.
+    pub origin: [i32; 3],
+    pub size: i32,
+    pub leaf: bool,
+    /// Active voxels; a tile is or is not.
+    pub active: Mask,
+    /// Active voxels before it.
+    pub rank: u32,
+}
+
 /// The relation of nodes to slots.
 #[derive(Clone, Debug)]
 pub(super) enum Layout {
@@ -29,8 +47,10 @@ pub(super) enum Layout {
     Sparse {
         /// One block per brick of the table: the one whose lowest node is the brick's.
         blocks: Vec<Block>,
-        /// First slot and lowest node of every leaf and tile, by slot.
-        origins: Vec<(u32, [i32; 3])>,
+        /// Every leaf and tile, by slot.
+        stored: Vec<Stored>,
+        /// Of every `LEAF` slots, who holds the first.
+        chunks: Vec<u32>,
         /// Nodes outside of this inclusive range are background.
         range: ([i32; 3], [i32; 3]),
         count: usize,
@@ -39,7 +59,13 @@ pub(super) enum Layout {
 
 impl Default for Layout {
     fn default() -> Self {
-        Layout::Sparse { blocks: Vec::new(), origins: Vec::new(), range: ([0; 3], [-1; 3]), count: 0 }
+        Layout::Sparse {
+            blocks: Vec::new(),
+            stored: Vec::new(),
+            chunks: Vec::new(),
+            range: ([0; 3], [-1; 3]),
+            count: 0,
+        }
     }
 }
 
@@ -67,7 +93,9 @@ impl Layout {
     pub(super) fn bytes(&self) -> usize {
         match self {
             Layout::Dense { .. } => 0,
-            Layout::Sparse { blocks, origins, .. } => size_of_val(&blocks[..]) + size_of_val(&origins[..]),
+            Layout::Sparse { blocks, stored, chunks, .. } => {
+                size_of_val(&blocks[..]) + size_of_val(&stored[..]) + size_of_val(&chunks[..])
+            }
         }
     }
 
@@ -195,9 +223,8 @@ impl Grid {
         let i = id.0 as usize;
         match &*self.layout {
             Layout::Dense { res } => [i % res[0], i / res[0] % res[1], i / res[0] / res[1]].map(|x| x as i32),
-            Layout::Sparse { origins, .. } => {
-                let k = origins.partition_point(|o| o.0 <= id.0) - 1;
-                let (base, origin) = origins[k];
+            Layout::Sparse { stored, .. } => {
+                let Stored { base, origin, .. } = stored[stored.partition_point(|s| s.base <= id.0) - 1];
                 let local = (id.0 - base) as i32;
                 [origin[0] + (local >> 6), origin[1] + (local >> 3 & 7), origin[2] + (local & 7)]
             }
