@@ -10,8 +10,9 @@ use tyndall::render::driver::Mode;
 use tyndall::render::plan::Plan;
 use tyndall::scene::{Scene, SceneDesc};
 
-/// Voxels along an edge of the box; it is two units wide.
-const N: i32 = 10;
+/// Voxels along an edge of the box, which is two units wide; the first lies here, so that leaves meet within.
+const N: i32 = 5;
+const LOW: i32 = 6;
 const H: f64 = 2.0 / N as f64;
 
 /// Values by voxel, channels interleaved; those outside of the box are not active.
@@ -22,12 +23,12 @@ fn place(origin: [i32; 3], i: usize) -> [i32; 3] {
     [origin[0] + (i >> 6), origin[1] + (i >> 3 & 7), origin[2] + (i & 7)]
 }
 
-/// N^3 voxels in four to eight leaves, in the box [-1, 1]^3 (centres of voxels half an edge inside).
+/// N^3 voxels in eight leaves, in the box [-1, 1]^3 (centres of voxels half an edge inside).
 fn grid(name: &str, channels: usize, values: Values) -> WriteGrid {
     let corners = [0, 8];
     let origins = corners.iter().flat_map(|&x| corners.iter().flat_map(move |&y| corners.map(|z| [x, y, z])));
     let leaf = |origin: [i32; 3]| {
-        let inside = |i: usize| place(origin, i).iter().all(|&x| (0..N).contains(&x));
+        let inside = |i: usize| place(origin, i).iter().all(|&x| (LOW..LOW + N).contains(&x));
         let mut active = [0; 8];
         (0..512).filter(|&i| inside(i)).for_each(|i| active[i >> 6] |= 1u64 << (i & 63));
         let value = |i: usize| if inside(i) { values(place(origin, i)) } else { [0.0; 3] };
@@ -38,7 +39,7 @@ fn grid(name: &str, channels: usize, values: Values) -> WriteGrid {
         channels,
         world_from_index: DAffine3 {
             matrix3: DMat3::from_diagonal(DVec3::splat(H)),
-            translation: DVec3::splat(-1.0 + 0.5 * H),
+            translation: DVec3::splat(-1.0 + (0.5 - f64::from(LOW)) * H),
         },
         background: 0.0,
         leaves: origins.map(leaf).collect(),
@@ -171,90 +172,134 @@ fn scale_is_the_sum_over_voxels() {
         assert!((sum - 1.5 * named[0]).abs() <= 1e-9 * size, "{channels} {depth}: {sum} {}", 1.5 * named[0]);
         assert!(sum.abs() > 1e-3 * size && named.iter().all(|x| *x != 0.0), "{named:?}");
 
-        let own = scalars(&still_desc, &still, &["scale"]);
+        let own = scalars(&still_desc, &still, &["scale", "g", "tint"]);
         let o = run(&still, 64, 3, Mode::Forward(&own));
         let dot: f64 = (0..30).map(|i| o.film.mean(1, i).dot(v[i])).sum();
         assert!((sum - 1.5 * dot).abs() <= 1e-9 * size, "{channels} {depth}: {sum}, forward {}", 1.5 * dot);
     }
 }
 
-/// A change of one voxel in the file: grid, place, channel, step up and down.
-struct Change {
-    grid: usize,
-    voxel: [i32; 3],
-    channel: usize,
-    step: f32,
+const NAMES: [&str; 3] = ["density", "albedo", "glow"];
+
+/// The loss of the scene with other values in its file; with the same random numbers for the same seed.
+fn loss(text: &str, values: &dyn Fn(usize, [i32; 3]) -> [f32; 3], spp: u64, seed: u64) -> f64 {
+    let file: Vec<WriteGrid> = (0..3).map(|k| grid(NAMES[k], if k == 0 { 1 } else { 3 }, &|p| values(k, p))).collect();
+    let (_, mut sc, _dir) = scene_of(text, &file);
+    sc.exact_transmittance = true;
+    let o = run(&sc, spp, 100 + seed, Mode::Picture);
+    (0..30).map(|i| o.film.mean(0, i).dot(adjoint(30)[i])).sum()
 }
 
-/// 20 random voxels of all three grids, holes among them, against differences of pictures: 4.5 standard errors, and what the step leaves.
+fn value(k: usize, p: [i32; 3]) -> [f32; 3] {
+    if k == 0 { cloud(p) } else { colors(p) }
+}
+
+/// 20 random voxels of all three grids, holes among them, against differences of pictures in which one number of the file changes: 4.5 standard errors. Once
+/// scattered: there pictures of the same random numbers are smooth in the voxels, and differences know something.
 #[test]
 fn voxels_agree_with_differences() {
-    let text = room(&[DENSITY, ALBEDO, GLOW].concat(), 3, &[SUN, SKY].concat());
-    let v = adjoint(30);
-    let value = |k: usize, p: [i32; 3]| if k == 0 { cloud(p) } else { colors(p) };
-    let names = ["density", "albedo", "glow"];
-    let picture = |c: &Change, sign: f32, seed: u64| {
-        let changed = |k: usize, p: [i32; 3]| {
-            let mut x = value(k, p);
-            if (k, p) == (c.grid, c.voxel) {
-                x[c.channel] += sign * c.step;
-            }
-            x
-        };
-        let file: Vec<WriteGrid> =
-            (0..3).map(|k| grid(names[k], if k == 0 { 1 } else { 3 }, &|p| changed(k, p))).collect();
-        let (_, mut sc, _dir) = scene_of(&text, &file);
-        sc.exact_transmittance = true;
-        let o = run(&sc, 256, 100 + seed, Mode::Picture);
-        (0..30).map(|i| o.film.mean(0, i).dot(v[i])).sum::<f64>()
-    };
+    let text = room(&[DENSITY, ALBEDO, GLOW].concat(), 2, &[SUN, SKY].concat());
+    let (a, b) = (text.find(r#"<shape type="rectangle""#).unwrap(), text.find("<sensor").unwrap());
+    let text = format!("{}{}", &text[..a], &text[b..]).replace(r#"<default name="tint" value="0.5"/>"#, "");
     let (desc, mut sc, _dir) = scene_of(&text, &grids(1));
     let params = open(&desc, &mut sc, &ALL);
-    let (g, e) = gradient(&sc, &params, &v, 1 << 14, 3);
+    let (g, e) = gradient(&sc, &params, &adjoint(30), 1 << 14, 3);
     let mut rng = Rng::keyed(77, 0, 0, 0);
-    let mut holes = 0;
+    let (mut holes, mut sharp) = (0, 0);
     for k in 0..20 {
         let which = k % 3;
-        let voxel = [0; 3].map(|_| (rng.uniform() * f64::from(N)) as i32);
+        let mut draw = || [0; 3].map(|_| LOW + (rng.uniform() * f64::from(N)) as i32);
+        let mut voxel = draw();
+        while k % 6 == 0 && cloud(voxel)[0] > 0.0 {
+            voxel = draw();
+        }
         let channel = if which == 0 { 0 } else { (rng.uniform() * 3.0) as usize };
         let now = value(which, voxel)[channel];
-        // Values stay in their range: of an empty voxel one side only.
-        let step = if which == 1 { 0.5 * now.min(1.0 - now) } else { 0.5 };
-        let both = now >= step;
+        // Values stay in their range; of an empty voxel there is one side only, and second order comes from half the step.
+        let step: f32 = if which == 1 { 0.5 * now.min(1.0 - now) } else { 0.4 };
         holes += usize::from(now == 0.0);
-        let c = Change { grid: which, voxel, channel, step };
+        let at = |h: f32, seed: u64| {
+            let changed = |k: usize, p: [i32; 3]| {
+                let mut x = value(k, p);
+                if (k, p) == (which, voxel) {
+                    x[channel] += h;
+                }
+                x
+            };
+            loss(&text, &changed, 256, seed)
+        };
         let fd: Moments = (0..8)
             .map(|seed| {
-                let (up, h) = (picture(&c, 1.0, seed), f64::from(step));
-                if both {
-                    (up - picture(&c, -1.0, seed)) / (2.0 * h)
+                let (up, h) = (at(step, seed), f64::from(step));
+                if now >= step {
+                    (up - at(-step, seed)) / (2.0 * h)
                 } else {
-                    // Second order from one side.
-                    let half = Change { step: 0.5 * step, ..c };
-                    (4.0 * picture(&half, 1.0, seed) - up - 3.0 * picture(&c, 0.0, seed)) / h
+                    (4.0 * at(0.5 * step, seed) - up - 3.0 * at(0.0, seed)) / h
                 }
             })
             .collect();
-        let indices: Vec<f64> =
-            params.arrays[which].range().map(|s| s as f64 - params.arrays[which].first as f64).collect();
-        let at = by_place(&desc, &sc, &params.arrays[which], &indices).into_iter().find(|x| x.0 == voxel).unwrap().1;
-        let slot = params.arrays[which].first as usize + at[channel] as usize;
+        let a = &params.arrays[which];
+        let numbers: Vec<f64> = (0..a.range().len()).map(|k| k as f64).collect();
+        let found = by_place(&desc, &sc, a, &numbers).into_iter().find(|x| x.0 == voxel).unwrap().1;
+        let slot = a.range().start + found[channel] as usize;
         let error = e[slot].hypot(fd.standard_error());
         println!(
             "{} {voxel:?} {channel}: {:.3e} +- {:.1e}, fd {:.3e} +- {:.1e}",
-            names[which],
+            NAMES[which],
             g[slot],
             e[slot],
             fd.mean,
             fd.standard_error()
         );
-        assert!(
-            (g[slot] - fd.mean).abs() <= 4.5 * error + 0.03 * fd.mean.abs(),
-            "{} {voxel:?} {channel}",
-            names[which]
-        );
+        assert!((g[slot] - fd.mean).abs() <= 4.5 * error, "{} {voxel:?} {channel}", NAMES[which]);
+        sharp += usize::from(fd.mean.abs() > 4.0 * error);
     }
-    assert!(holes >= 2, "{holes}");
+    assert!(holes >= 4 && sharp >= 8, "{holes} {sharp}");
+}
+
+/// All voxels of one grid changed at once, each by a number of its own, in light that scatters often.
+#[test]
+fn directions_agree_with_differences() {
+    let text = room(&[DENSITY, ALBEDO, GLOW].concat(), 6, &[SUN, SKY].concat());
+    let (desc, mut sc, _dir) = scene_of(&text, &grids(1));
+    let params = open(&desc, &mut sc, &ALL);
+    // Up or down by as much as values allow, along rows: what cancels from voxel to voxel says little.
+    let direction = |k: usize, p: [i32; 3], c: usize| {
+        let x = value(k, p)[c];
+        let sign = if noise([p[0], 0, 0], 50 + c as u64) < 0.5 { -1.0 } else { 1.0 };
+        let room = if k == 1 { x.min(1.0 - x) } else { x };
+        sign * room
+    };
+    for (which, step) in [(0, 0.3f32), (1, 0.5), (2, 0.5)] {
+        let at = |h: f32, seed: u64| {
+            let changed = |k: usize, p: [i32; 3]| {
+                let x = value(k, p);
+                if k == which { [0, 1, 2].map(|c| x[c] + h * direction(k, p, if k == 0 { 0 } else { c })) } else { x }
+            };
+            loss(&text, &changed, 1 << 10, seed)
+        };
+        let fd: Moments = (0..8).map(|seed| (at(step, seed) - at(-step, seed)) / f64::from(2.0 * step)).collect();
+        let a = &params.arrays[which];
+        let along = raw(&desc, &sc, a, &|p| [0, 1, 2].map(|c| direction(which, p, c)));
+        let own: Moments = (0..8)
+            .map(|seed| {
+                let (g, _) = gradient(&sc, &params, &adjoint(30), 1 << 9, 200 + seed);
+                g[a.range()].iter().zip(&along).map(|(g, d)| g * d).sum::<f64>()
+            })
+            .collect();
+        let error = own.standard_error().hypot(fd.standard_error());
+        println!(
+            "{}: {:.4e} +- {:.1e}, fd {:.4e} +- {:.1e}",
+            NAMES[which],
+            own.mean,
+            own.standard_error(),
+            fd.mean,
+            fd.standard_error()
+        );
+        // Eight values each: Student's tails are those of 6 s.e.
+        assert!((own.mean - fd.mean).abs() <= 6.0 * error + 0.02 * fd.mean.abs(), "{}", NAMES[which]);
+        assert!(error < 0.1 * fd.mean.abs(), "{}: {error} of {}", NAMES[which], fd.mean);
+    }
 }
 
 /// An orthographic camera that sees all of the box along z, under a sky of 1.
@@ -290,7 +335,7 @@ fn empty_voxels_know_the_answer() {
         let numbers: Vec<f64> = own.clone().map(|s| (s - own.start) as f64).collect();
         for (p, at) in by_place(&desc, &sc, &params.arrays[0], &numbers) {
             let slot = own.start + at[0] as usize;
-            if p.iter().any(|&x| x == 0 || x == N - 1) {
+            if p.iter().any(|&x| x == LOW || x == LOW + N - 1) {
                 continue;
             }
             let truth = weight * (albedo[c] + (1.0 - albedo[c]) * f64::from(glow[c]) - 1.0);
@@ -319,8 +364,10 @@ fn nothing_changes_an_isothermal_enclosure() {
     {
         let file = [grid("density", channels, &cloud_in(channels)), grid("albedo", 3, albedo)];
         let volumes = [DENSITY, ALBEDO, r#"<rgb name="emission" value="1"/>"#].concat();
-        let (desc, mut sc, _dir) = scene_of(&scanner(&volumes, ""), &file);
-        let params = open(&desc, &mut sc, &ALL[..2]);
+        // Thin enough that light comes from its far side.
+        let text = scanner(&volumes, "").replace(r#"name="scale" value="1.5""#, r#"name="scale" value="0.5""#);
+        let (desc, mut sc, _dir) = scene_of(&text, &file);
+        let params = open(&desc, &mut sc, &[ALL[0], ALL[1], "scale"]);
         let (g, e) = gradient(&sc, &params, &vec![Rgb::splat(1.0); 36], 1 << 11, 3);
         for a in &params.arrays {
             assert!(a.range().all(|s| g[s].is_finite() && e[s].is_finite()));
@@ -328,42 +375,40 @@ fn nothing_changes_an_isothermal_enclosure() {
             assert!(seen > a.range().len() * 9 / 10, "{}: {seen} of {}", a.name, a.range().len());
             let z = a.range().map(|s| g[s].abs() / e[s].max(1e-12)).fold(0.0f64, f64::max);
             println!("{channels} {}: largest z {z:.2} of {}", a.name, a.range().len());
-            // Of 3000 numbers, tails of single paths among them.
+            // Of 3000 numbers, some of which few paths make.
             assert!(z < 6.0, "{}: {z}", a.name);
-            let sum: f64 = a.range().map(|s| g[s]).sum();
-            let size: f64 = a.range().map(|s| g[s].abs()).sum();
-            assert!(sum.abs() < 0.2 * size, "{}: {sum} of {size}", a.name);
         }
+        let scale = params.pull_back(&g)[0] / params.pull_back(&e)[0];
+        assert!(scale.abs() < 4.5, "{scale}");
     }
 }
 
-/// Albedo by voxel at 0 and at 1, against one-sided differences of the whole: the sum over voxels is the derivative of a constant albedo.
+/// Albedo 0 and 1 by voxel, everywhere: from the same samples, the sum over voxels is the derivative by a constant albedo.
 #[test]
 fn albedo_at_its_ends() {
-    let text = room(&[DENSITY, r#"<rgb name="albedo" value="$tint"/>"#].concat(), 4, &[SUN, SKY].concat());
+    let constant = r#"<rgb name="albedo" value="$a"/>"#;
+    let text = room(&[DENSITY, constant].concat(), 4, &[SUN, SKY].concat());
     let v = adjoint(30);
-    for end in ["0", "1"] {
-        let text = text.replace(r#"name="tint" value="0.5""#, &format!(r#"name="tint" value="{end}""#));
+    for end in [0.0, 1.0] {
         let text =
-            text.replace(r#"<rgb name="reflectance" value="$tint"/>"#, r#"<rgb name="reflectance" value="0.5"/>"#);
+            text.replace(r#"<default name="g" "#, &format!(r#"<default name="a" value="{end}"/><default name="g" "#));
         let (still_desc, still, _a) = scene_of(&text, &grids(1));
-        let own = scalars(&still_desc, &still, &["tint"]);
-        let o = run(&still, 1 << 11, 3, Mode::Forward(&own));
-        let constant: f64 = (0..30).map(|i| o.film.mean(1, i).dot(v[i])).sum();
-        let value: f32 = end.parse().unwrap();
-        // Active everywhere where density is: one voxel more than the density has.
-        let file = [grid("density", 1, &cloud), grid("albedo", 3, &|_| [value; 3])];
-        let (desc, mut sc, _b) = scene_of(&text.replace(r#"<rgb name="albedo" value="$tint"/>"#, ALBEDO), &file);
-        let names = ["smoke.albedo.grid".to_string()];
-        sc.dilate(&desc, &names).unwrap();
+        let own = scalars(&still_desc, &still, &["a"]);
+        let o = run(&still, 256, 3, Mode::Forward(&own));
+        let forward: f64 = (0..30).map(|i| o.film.mean(1, i).dot(v[i])).sum();
+
+        let mut albedo = grid("albedo", 3, &colors);
+        for l in &mut albedo.leaves {
+            (l.active, l.values) = ([u64::MAX; 8], vec![end as f32; 3 * 512]);
+        }
+        let text = text.replace(constant, ALBEDO).replace(&format!(r#"<default name="a" value="{end}"/>"#), "");
+        let (desc, mut sc, _b) = scene_of(&text, &[grid("density", 1, &cloud), albedo]);
         let params = open(&desc, &mut sc, &["smoke.albedo.grid"]);
-        assert_eq!(params.arrays[0].shape, [((N + 2) * (N + 2) * (N + 2)) as usize, 3]);
-        let (g, _) = gradient(&sc, &params, &v, 1 << 11, 3);
-        let sum: f64 = params.arrays[0].range().map(|s| g[s]).sum();
-        assert!(g.iter().all(|x| x.is_finite()) && sum != 0.0);
-        println!("{end}: {sum} {constant}");
-        // At the grid's own border the constant goes on and the grid falls off: the pictures differ little.
-        assert!((sum - constant).abs() < 0.1 * constant.abs(), "albedo {end}: {sum} {constant}");
+        let (g, e) = gradient(&sc, &params, &v, 256, 3);
+        assert!(g.iter().chain(&e).all(|x| x.is_finite()));
+        let own = || params.arrays[0].range().map(|s| g[s]);
+        let (sum, size) = (own().sum::<f64>(), own().map(f64::abs).sum::<f64>());
+        assert!((sum - forward).abs() <= 1e-9 * size && sum.abs() > 0.01 * size, "albedo {end}: {sum} {forward}");
     }
 }
 
@@ -391,7 +436,7 @@ fn a_tile_is_one_number() {
         (own, written, params.pull_back(&g)[0])
     };
     let (tile, leaf) = (of(true), of(false));
-    assert_eq!((tile.0.len(), leaf.0.len()), (488 + 1, 1000));
+    assert_eq!((tile.0.len(), leaf.0.len()), (117 + 1, 117 + 512));
     // The same field, the same samples: the tile's number is the sum over its voxels.
     assert!((tile.2 - leaf.2).abs() < 1e-9 * leaf.2.abs());
     let block = leaf.1.leaves.iter().find(|l| l.origin == [0; 3]).unwrap();
@@ -438,8 +483,8 @@ fn dilated_voxels_are_more_voxels() {
         (at(&g), at(&e))
     };
     let ((narrow, e), (wide, f)) = (of(false), of(true));
-    assert_eq!((narrow.len(), wide.len()), (1000, 1728));
+    assert_eq!((narrow.len(), wide.len()), (125, 343));
     let z = narrow.keys().map(|p| (narrow[p] - wide[p]).abs() / e[p].hypot(f[p]).max(1e-12)).fold(0.0f64, f64::max);
     assert!(z < 5.0, "{z}");
-    assert!(wide.iter().filter(|(p, x)| !narrow.contains_key(*p) && **x != 0.0).count() > 600);
+    assert!(wide.iter().filter(|(p, x)| !narrow.contains_key(*p) && **x != 0.0).count() > 150);
 }
