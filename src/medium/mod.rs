@@ -5,7 +5,7 @@ pub mod grid;
 use crate::math::{DVec3, Rgb};
 use crate::params::{Covector, Mover, ParamSet, Quantity, Sink, Slot};
 use crate::phase::Phase;
-use grid::{Grid, NodeId};
+use grid::Grid;
 use std::sync::Arc;
 
 /// A volume of numbers: constant, or a grid times nothing (scaling is the medium's).
@@ -45,11 +45,7 @@ impl Volume {
                 }
             }
             Volume::Grid(g) if params.is_active(first) => {
-                for (id, w) in g.nodes(p) {
-                    if let Some(id) = id {
-                        voxel(g, first, id, weight * w, f);
-                    }
-                }
+                g.active_nodes(p, |k, w| voxel(g, first, k, weight * w, f));
             }
             Volume::Grid(_) => {}
         }
@@ -84,13 +80,13 @@ pub struct MediumSlots {
 
 pub const NO_SLOT: Slot = Slot::MAX;
 
-/// Partials by one stored value of an open grid, of what has the partials `weight` by its channels.
+/// Partials by the k-th active voxel of an open grid, of what has the partials `weight` by its channels.
 #[inline]
-fn voxel(g: &Grid, first: Slot, id: NodeId, weight: Rgb, f: &mut impl FnMut(Slot, Rgb)) {
-    match g.active_index(id) {
-        Some(k) if g.channels() == 1 => f(first + k, weight),
-        Some(k) => (0..3).for_each(|c| f(first + 3 * k + c as Slot, Rgb::channel(c, weight[c]))),
-        None => {}
+fn voxel(g: &Grid, first: Slot, k: u32, weight: Rgb, f: &mut impl FnMut(Slot, Rgb)) {
+    if g.channels() == 1 {
+        f(first + k, weight);
+    } else {
+        (0..3).for_each(|c| f(first + 3 * k + c as Slot, Rgb::channel(c, weight[c])));
     }
 }
 
@@ -253,8 +249,8 @@ impl Medium {
             Volume::Constant(_) => {
                 self.density.partials(params, s.sigma_t, o, Rgb::splat(self.scale * (t1 - t0)), &mut f)
             }
-            Volume::Grid(g) if params.is_active(s.sigma_t) => g.integrate_nodes(o, w, t0, t1, &mut |id, weight| {
-                voxel(g, s.sigma_t, id, Rgb::splat(self.scale * weight), &mut f);
+            Volume::Grid(g) if params.is_active(s.sigma_t) => g.integrate_active(o, w, t0, t1, &mut |k, weight| {
+                voxel(g, s.sigma_t, k, Rgb::splat(self.scale * weight), &mut f);
             }),
             Volume::Grid(_) => {}
         }

@@ -61,16 +61,12 @@ impl Grid {
     }
 
     /// Which of the active voxels a stored value is, if it is one.
-    #[inline]
     pub fn active_index(&self, id: NodeId) -> Option<u32> {
         match &*self.layout {
             Layout::Dense { .. } => Some(id.0),
-            Layout::Sparse { stored, chunks, .. } => {
-                let mut k = chunks[id.0 as usize / LEAF] as usize;
-                while stored.get(k + 1).is_some_and(|s| s.base <= id.0) {
-                    k += 1;
-                }
-                stored[k].index((id.0 - stored[k].base) as usize)
+            Layout::Sparse { stored, .. } => {
+                let s = &stored[stored.partition_point(|s| s.base <= id.0) - 1];
+                s.index((id.0 - s.base) as usize)
             }
         }
     }
@@ -170,7 +166,7 @@ impl Grid {
     }
 
     /// The field at a node, however it comes about.
-    fn node_value(&self, node: [i32; 3]) -> [f32; 3] {
+    pub(super) fn node_value(&self, node: [i32; 3]) -> [f32; 3] {
         let q = DVec3::from(node.map(f64::from)) - DVec3::from(self.frame.origin.map(f64::from));
         debug_assert!(self.frame.filter == Filter::Trilinear);
         self.triple_at(q).map(|v| v as f32)
@@ -185,14 +181,17 @@ impl Stored {
 
     /// The index of its `local`th value.
     #[inline]
-    fn index(&self, local: usize) -> Option<u32> {
+    pub(super) fn index(&self, local: usize) -> Option<u32> {
         if !self.leaf {
             return (self.active != [0; 8]).then_some(self.rank);
         }
         let (word, bit) = (local >> 6, 1u64 << (local & 63));
-        let before: u32 = self.active[..word].iter().map(|w| w.count_ones()).sum();
         let own = self.active[word];
-        (own & bit != 0).then(|| self.rank + before + (own & (bit - 1)).count_ones())
+        let before = match own {
+            u64::MAX => local as u32 & 63,
+            _ => (own & (bit - 1)).count_ones(),
+        };
+        (own & bit != 0).then(|| self.rank + u32::from(self.before[word]) + before)
     }
 
     fn holds(&self, p: [i32; 3]) -> bool {

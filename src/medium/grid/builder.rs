@@ -1,7 +1,7 @@
 //! Grids from OpenVDB's leaves and tiles, and from dense arrays.
 
 use super::bricks::BRICK;
-use super::nodes::{BACKGROUND, Block, LEAF, Layout, Stored};
+use super::nodes::{BACKGROUND, LEAF, Layout, Stored};
 use super::{Filter, Frame, Grid, Mask};
 use crate::math::{DAffine3, DMat3, DVec3};
 use std::sync::Arc;
@@ -106,7 +106,15 @@ impl GridBuilder {
             self.fail("a grid has more than 2^32 voxels".into());
         }
         if self.fault.is_none() {
-            self.blocks.push(Stored { base: base as u32, origin, size, leaf, active: [u64::MAX; 8], rank: 0 });
+            self.blocks.push(Stored {
+                base: base as u32,
+                origin,
+                size,
+                leaf,
+                active: [u64::MAX; 8],
+                rank: 0,
+                before: [0; 8],
+            });
             self.values.extend_from_slice(values);
         }
     }
@@ -161,8 +169,7 @@ impl GridBuilder {
         // Enter tiles, then leaves on top.
         let mut blocks = vec![BACKGROUND; dims.iter().product()];
         for leaves in [false, true] {
-            for Stored { base, origin: low, size, leaf, .. } in self.blocks.iter().filter(|b| b.leaf == leaves) {
-                let block = Block { base: *base, stride: u32::from(*leaf) };
+            for (k, Stored { origin: low, size, .. }) in self.blocks.iter().enumerate().filter(|b| b.1.leaf == leaves) {
                 let cover = |a: usize| {
                     let from = (i64::from(low[a]) - i64::from(origin[a])) / BRICK as i64;
                     from.max(0) as usize..(from + i64::from(size / BRICK as i32)).clamp(0, dims[a] as i64) as usize
@@ -171,10 +178,10 @@ impl GridBuilder {
                     for y in cover(1) {
                         for z in cover(2) {
                             let at = &mut blocks[(x * dims[1] + y) * dims[2] + z];
-                            if leaves && at.stride == 1 {
+                            if leaves && self.blocks.get(*at as usize).is_some_and(|b| b.leaf) {
                                 return Err(format!("two leaves at {low:?}"));
                             }
-                            *at = block;
+                            *at = k as u32;
                         }
                     }
                 }
@@ -189,10 +196,12 @@ impl GridBuilder {
         let mut rank = 0;
         for s in &mut stored {
             (s.rank, rank) = (rank, rank + s.count());
+            let mut before = 0;
+            for (b, word) in s.before.iter_mut().zip(s.active) {
+                (*b, before) = (before, before + word.count_ones() as u16);
+            }
         }
-        let holder = |slot: usize| stored.partition_point(|s| s.base as usize <= slot) as u32 - 1;
-        let chunks = (0..count).step_by(LEAF).map(holder).collect();
-        let layout = Layout::Sparse { blocks, stored, chunks, range, count };
+        let layout = Layout::Sparse { blocks, stored, range, count };
         let filter = Filter::Trilinear;
         let frame = Frame { channels, background, filter, world_from_index, index_from_world, origin, dims, clip };
         Ok(Grid::assemble(frame, Arc::new(layout), &self.values))

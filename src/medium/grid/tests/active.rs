@@ -57,6 +57,43 @@ fn active_voxels_are_numbered_without_gaps() {
     }
 }
 
+/// By active voxel and by stored value: the same weights at points and along rays.
+#[test]
+fn weights_of_active_voxels_are_those_of_their_nodes() {
+    let dense: Vec<f32> = (0..9 * 7 * 11).map(|k| k as f32).collect();
+    let place = transform() * DAffine3::from_scale(DVec3::splat(24.0));
+    let smooth = Grid::from_dense(1, [9, 7, 11], &dense, place, Filter::Trilinear).unwrap();
+    let nearest = Grid::from_dense(1, [9, 7, 11], &dense, place, Filter::Nearest).unwrap();
+    for grid in [patchy().0, sparse(16, 3, 0.0, transform()).0, smooth, nearest] {
+        let mut rng = Rng::keyed(42, 0, 0, 0);
+        let mut seen = 0;
+        for k in 0..400 {
+            let o = transform().transform_point3(point(&mut rng, -10.0, 30.0));
+            // Some along axes, where rays run in faces and corners of cells.
+            let w =
+                if k % 4 == 0 { DVec3::AXES[k % 3] * if k % 8 == 0 { 1.0 } else { -1.0 } } else { direction(&mut rng) };
+            let (w, o) = (transform().transform_vector3(w), if k % 12 == 0 { transform().translation } else { o });
+            let [mut a, mut b] = [vec![0.0; grid.active_count()], vec![0.0; grid.active_count()]];
+            let mut node = |id, weight| {
+                if let Some(k) = grid.active_index(id) {
+                    a[k as usize] += weight;
+                }
+            };
+            if k % 2 == 0 {
+                grid.integrate_nodes(o, w, -40.0, 50.0, &mut node);
+                grid.integrate_active(o, w, -40.0, 50.0, &mut |k, weight| b[k as usize] += weight);
+            } else {
+                grid.nodes(o).into_iter().for_each(|(id, w)| id.into_iter().for_each(|id| node(id, w)));
+                grid.active_nodes(o, |k, weight| b[k as usize] += weight);
+            }
+            let miss = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(miss <= 1e-12, "{k}: {miss}");
+            seen += usize::from(a.iter().any(|x| *x != 0.0));
+        }
+        assert!(seen > 50, "{seen}");
+    }
+}
+
 #[test]
 fn dense_arrays_are_written_as_leaves() {
     let res = [9, 3, 17];
