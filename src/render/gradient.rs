@@ -25,6 +25,8 @@ pub struct Size {
 pub struct Gradient {
     scalars: Vec<f64>,
     arrays: Vec<f64>,
+    /// Sums over arrays that are done with, all 0: fresh memory costs more than the samples of a small batch.
+    spare: Vec<Vec<f64>>,
 }
 
 impl Size {
@@ -39,17 +41,24 @@ impl Size {
 
 impl Gradient {
     pub fn new(size: Size) -> Self {
-        Gradient { scalars: vec![0.0; size.scalars], arrays: vec![0.0; size.arrays] }
+        Gradient { scalars: vec![0.0; size.scalars], arrays: vec![0.0; size.arrays], spare: Vec::new() }
     }
 
     /// Work on items `0..items`, each with a sink for it; `None` where no gradient is wanted.
     pub fn gather(&mut self, items: usize, reverse: bool, work: impl Fn(usize, &mut Option<Reverse>) + Sync) {
         let size = Size { scalars: self.scalars.len(), arrays: if reverse { self.arrays.len() } else { 0 } };
         let sums = size.sums(items);
-        let total = &mut self.arrays;
-        let done = Mutex::new(Done { total, next: 0, waiting: BTreeMap::new(), scalars: vec![Vec::new(); sums] });
+        let done = Mutex::new(Done {
+            total: &mut self.arrays,
+            next: 0,
+            waiting: BTreeMap::new(),
+            spare: if reverse { std::mem::take(&mut self.spare) } else { Vec::new() },
+            scalars: vec![Vec::new(); sums],
+        });
+        let lock = || done.lock().unwrap_or_else(PoisonError::into_inner);
         let share = |first: usize| {
-            let mut arrays = vec![0.0; size.arrays];
+            let spare = lock().spare.pop();
+            let mut arrays = spare.unwrap_or_else(|| vec![0.0; size.arrays]);
             let own = (first..items).step_by(sums).map(|item| {
                 let mut sink = reverse.then(|| Reverse::new(size.scalars, std::mem::take(&mut arrays)));
                 work(item, &mut sink);
@@ -59,7 +68,7 @@ impl Gradient {
                 })
             });
             let own = own.collect::<Vec<_>>();
-            done.lock().unwrap_or_else(PoisonError::into_inner).finish(first, own, arrays);
+            lock().finish(first, own, arrays);
         };
         let begun = AtomicUsize::new(0);
         let threads = rayon::current_num_threads().min(sums);
@@ -72,7 +81,10 @@ impl Gradient {
                 });
             }
         });
-        let scalars = done.into_inner().unwrap_or_else(PoisonError::into_inner).scalars;
+        let Done { scalars, spare, .. } = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+        if reverse {
+            self.spare = spare;
+        }
         for item in 0..items {
             add(&mut self.scalars, &scalars[item % sums][item / sums]);
         }
@@ -84,6 +96,7 @@ struct Done<'a> {
     total: &'a mut [f64],
     next: usize,
     waiting: BTreeMap<usize, Vec<f64>>,
+    spare: Vec<Vec<f64>>,
     scalars: Vec<Vec<Vec<f64>>>,
 }
 
@@ -91,9 +104,12 @@ impl Done<'_> {
     fn finish(&mut self, k: usize, scalars: Vec<Vec<f64>>, arrays: Vec<f64>) {
         self.scalars[k] = scalars;
         self.waiting.insert(k, arrays);
-        while let Some(sum) = self.waiting.remove(&self.next) {
-            add(self.total, &sum);
+        while let Some(mut sum) = self.waiting.remove(&self.next) {
+            for (a, b) in self.total.iter_mut().zip(&mut sum) {
+                *a += std::mem::take(b);
+            }
             self.next += 1;
+            self.spare.push(sum);
         }
     }
 }
@@ -117,13 +133,14 @@ impl Batches {
         Batches { scalars: Vec::new(), mean: vec![0.0; size.arrays], squares: vec![0.0; size.arrays], samples: 0 }
     }
 
-    /// The gradient of a batch of so many samples a pixel.
-    pub fn push(&mut self, g: Gradient, samples: u64) {
-        self.scalars.push((g.scalars, samples));
+    /// The gradient of a batch of so many samples a pixel, which is 0 afterward.
+    pub fn push(&mut self, g: &mut Gradient, samples: u64) {
+        let zero = vec![0.0; g.scalars.len()];
+        self.scalars.push((std::mem::replace(&mut g.scalars, zero), samples));
         self.samples += samples;
         let (n, total) = (samples as f64, self.samples as f64);
-        for ((mean, squares), x) in self.mean.iter_mut().zip(&mut self.squares).zip(g.arrays) {
-            let x = x / n;
+        for ((mean, squares), x) in self.mean.iter_mut().zip(&mut self.squares).zip(&mut g.arrays) {
+            let x = std::mem::take(x) / n;
             let d = x - *mean;
             *mean += d * n / total;
             *squares += n * d * (x - *mean);
@@ -186,7 +203,7 @@ mod tests {
         let mut batches = Batches::new(size);
         for (k, n) in [5, 5, 4, 4, 4].into_iter().enumerate() {
             let x = (k as f64).sin() * n as f64;
-            batches.push(Gradient { scalars: vec![x], arrays: vec![x] }, n);
+            batches.push(&mut Gradient { scalars: vec![x], arrays: vec![x], spare: Vec::new() }, n);
         }
         let (mean, error) = batches.finish();
         assert!((mean[0] - mean[1]).abs() < 1e-15 && (error[0] - error[1]).abs() < 1e-15 && error[0] > 0.1);

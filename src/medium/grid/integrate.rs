@@ -411,7 +411,7 @@ impl Trail<'_> {
         for k in (0..8).filter(|k| k & mask == side) {
             let (node, w) = (self.local + CORNERS[k], std::mem::take(&mut self.weights[k]));
             if w != 0.0 {
-                if let Some(index) = self.ids.active([node / SLAB, node / ROW % ROW, node % ROW]) {
+                if let Some(index) = self.ids.active(node) {
                     f(index, w);
                 }
             }
@@ -451,7 +451,7 @@ impl Grid {
             let ids = self.layout.brick(&self.frame, [brick / (ny * nz), brick / nz % ny, brick % nz]);
             // A brick of one value (or none) needs no cells.
             if ids.uniform().is_some() {
-                if let Some(index) = ids.active([0; 3]) {
+                if let Some(index) = ids.active(0) {
                     f(index, span.t1 - span.t0);
                 }
                 continue;

@@ -3,7 +3,7 @@
 //! A voxel of a leaf or of a dense array has a slot of its own, a tile has one for all of its nodes, the background has
 //! none. Nodes repeated in several bricks, or by clamping at the border of a dense array, share their slot.
 
-use super::bricks::{BRICK, ROW};
+use super::bricks::{BRICK, ROW, SLAB};
 use super::{Frame, Grid, Mask};
 use crate::math::DVec3;
 
@@ -32,6 +32,19 @@ pub(super) struct Stored {
     pub rank: u32,
     pub before: [u16; 8],
 }
+
+/// Of every node of a brick, which of the eight blocks that it touches holds it, and as which of the block's nodes: `block << 9 | local`.
+static PLACES: [u16; SLAB * ROW] = {
+    let mut places = [0; SLAB * ROW];
+    let mut node = 0;
+    while node < places.len() {
+        let [x, y, z] = [node / SLAB, node / ROW % ROW, node % ROW];
+        let block = (x / BRICK * 2 + y / BRICK) * 2 + z / BRICK;
+        places[node] = (block << 9 | (x % BRICK) << 6 | (y % BRICK) << 3 | z % BRICK) as u16;
+        node += 1;
+    }
+    places
+};
 
 /// The relation of nodes to slots.
 #[derive(Clone, Debug)]
@@ -65,6 +78,8 @@ pub(super) enum BrickIds<'a> {
         blocks: [Option<&'a Stored>; 8],
         /// Range of nodes that are not background, in nodes of the brick.
         range: ([i64; 3], [i64; 3]),
+        /// All nodes of the brick are within.
+        whole: bool,
     },
 }
 
@@ -96,7 +111,9 @@ impl Layout {
                     stored.get(block as usize)
                 };
                 let shift = |p: &[i32; 3]| std::array::from_fn(|a| i64::from(p[a]) - origin[a]);
-                BrickIds::Sparse { blocks: std::array::from_fn(at), range: (shift(&range.0), shift(&range.1)) }
+                let range = (shift(&range.0), shift(&range.1));
+                let whole = (0..3).all(|a| range.0[a] <= 0 && range.1[a] >= BRICK as i64);
+                BrickIds::Sparse { blocks: std::array::from_fn(at), range, whole }
             }
         }
     }
@@ -118,19 +135,24 @@ impl BrickIds<'_> {
         }
     }
 
-    /// Which of the grid's active voxels a node is, likewise; `None` for all that are not.
+    /// Which of the grid's active voxels a node is, counted in nodes of the brick; `None` for all that are not.
     #[inline]
-    pub(super) fn active(&self, node: [usize; 3]) -> Option<u32> {
+    pub(super) fn active(&self, node: usize) -> Option<u32> {
+        let coordinates = || [node / SLAB, node / ROW % ROW, node % ROW];
         match self {
-            BrickIds::Dense { .. } => self.get(node),
-            BrickIds::Sparse { .. } => self.stored(node).and_then(|(block, local)| block.index(local)),
+            BrickIds::Dense { .. } => self.get(coordinates()),
+            BrickIds::Sparse { blocks, whole: true, .. } => {
+                let place = PLACES[node] as usize;
+                blocks[place >> 9].and_then(|b| b.index(place & (LEAF - 1)))
+            }
+            BrickIds::Sparse { .. } => self.stored(coordinates()).and_then(|(block, local)| block.index(local)),
         }
     }
 
     /// Who holds a node, and as which of its 8^3 nodes.
     #[inline]
     fn stored(&self, node: [usize; 3]) -> Option<(&Stored, usize)> {
-        let BrickIds::Sparse { blocks, range } = self else { return None };
+        let BrickIds::Sparse { blocks, range, .. } = self else { return None };
         let [x, y, z] = node;
         let block = blocks[(x / BRICK * 2 + y / BRICK) * 2 + z / BRICK]?;
         let mut inside = true;
@@ -142,13 +164,12 @@ impl BrickIds<'_> {
 
     /// The one slot of all nodes, if that is plain to see.
     pub(super) fn uniform(&self) -> Option<Option<u32>> {
-        let BrickIds::Sparse { blocks, range } = self else { return None };
+        let BrickIds::Sparse { blocks, whole, .. } = self else { return None };
         let base = |b: &Option<&Stored>| b.map(|b| b.base);
         let same = blocks.iter().all(|b| base(b) == base(&blocks[0]));
-        let whole = (0..3).all(|a| range.0[a] <= 0 && range.1[a] >= BRICK as i64);
         match blocks[0] {
             None if same => Some(None),
-            Some(tile) if same && whole && !tile.leaf => Some(Some(tile.base)),
+            Some(tile) if same && *whole && !tile.leaf => Some(Some(tile.base)),
             _ => None,
         }
     }
@@ -213,7 +234,8 @@ impl Grid {
         let [x, y, z] = std::array::from_fn(|a| (q[a] - cell[a] as f64) * self.smooth);
         let ids = self.layout.brick(&self.frame, cell.map(|i| i / BRICK));
         for (k, w) in weights(x, y, z).into_iter().enumerate() {
-            let node = [cell[0] % BRICK + (k >> 2), cell[1] % BRICK + (k >> 1 & 1), cell[2] % BRICK + (k & 1)];
+            let at = |a: usize| cell[a] % BRICK + (k >> (2 - a) & 1);
+            let node = (at(0) * ROW + at(1)) * ROW + at(2);
             if let Some(index) = ids.active(node).filter(|_| w != 0.0) {
                 f(index, w);
             }
