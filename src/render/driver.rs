@@ -238,6 +238,7 @@ impl Job<'_> {
         if taken == 0 {
             return Err(Error::Interrupted);
         }
+        drop(gradient);
         let gradient = reverse.then(|| gradients.finish());
         let light_on_ray = light_on_ray.into_inner().unwrap_or(None);
         let Work { rooms, film, .. } = work;
