@@ -26,7 +26,8 @@ use tyndall::scene::{Scene, arrays};
 /// Without --loss or --adjoint: one image a parameter (forward mode), layers d_NAME.R/G/B and var_NAME.R/G/B beside the picture.
 /// With one of them: one number a parameter (reverse mode) as JSON, on standard output or in -o FILE.json. There `--wrt` takes ID.vertices too, ID being
 /// the id of an obj or ply shape: three numbers a vertex, in world space, in the order of the mesh's vertices; and ID.sigma_t.grid,
-/// ID.albedo.grid, ID.emission.grid, ID being the id of a medium with such a grid: one number a voxel and channel, by the grid's own values (sigma_t before `scale`). Those
+/// ID.albedo.grid, ID.emission.grid, ID.temperature.grid, ID being the id of a medium with such a grid: one number a voxel and channel, by the grid's own values (sigma_t
+/// before `scale`, emission before `emission_scale`, temperatures before `temperature_offset` and `temperature_scale`). Those
 /// are written to -o FILE.vdb, one grid an array (its name: the array's), with the transform and the active voxels of the grid they belong to (an active tile is
 /// one value and has one number; voxels of the background have none), and everything else as JSON beside it.
 /// Its standard error is that of the gradient pass, at most: the noise of the picture behind --loss is not in it.
@@ -34,8 +35,8 @@ use tyndall::scene::{Scene, arrays};
 pub struct GradArgs {
     #[command(flatten)]
     scene: SceneOptions,
-    /// Parameters to differentiate by; with --loss or --adjoint also ID.vertices, the vertices of a mesh, and ID.sigma_t.grid, ID.albedo.grid, ID.emission.grid, the
-    /// voxels of a medium
+    /// Parameters to differentiate by; with --loss or --adjoint also ID.vertices, the vertices of a mesh, and ID.sigma_t.grid, ID.albedo.grid, ID.emission.grid,
+    /// ID.temperature.grid, the voxels of a medium
     #[arg(long, value_name = "A,B,...", value_delimiter = ',', required = true)]
     wrt: Vec<String>,
     /// Images: an .exr, its report beside it as .json [default: SCENE's name + .grad.exr in the current folder];

@@ -62,7 +62,7 @@ pub struct RenderOptions {
     /// Part of the picture, in pixels from its upper left corner: the same pixels as in the full picture
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop)]
     pub crop: Option<[usize; 4]>,
-    /// Set voxels that are NaN, infinite or negative to 0 instead of refusing the file, and count them
+    /// Set voxels that are NaN, infinite or negative to 0 (albedos above 1 to 1) instead of refusing the file, and count them
     #[arg(long)]
     pub repair_voxels: bool,
     /// Stop when this time is over, e.g. 90s, 5m, 1h: with the batches (1/32 of the samples each) that are done by then, but not
@@ -105,7 +105,7 @@ pub struct StudyOptions {
     /// Terms of the derivative: all, or a list; `tyndall plan` shows them
     #[arg(long, value_name = "TERMS", value_delimiter = ',', default_value = "all")]
     pub terms: Vec<String>,
-    /// Set voxels that are NaN, infinite or negative to 0 instead of refusing the file, and count them
+    /// Set voxels that are NaN, infinite or negative to 0 (albedos above 1 to 1) instead of refusing the file, and count them
     #[arg(long)]
     pub repair_voxels: bool,
     /// Share of samples that may be biased (left out, cut) before the exit code is 3

@@ -21,6 +21,13 @@ pub struct Envmap {
     mean: f64,
 }
 
+/// Four texels, the upper ones first, and where between them.
+struct Cell {
+    texels: [[f32; 3]; 4],
+    fx: f64,
+    fy: f64,
+}
+
 impl Envmap {
     /// `texels` row-major, first row = zenith. `to_world` must be a rotation (scale and translation have no meaning).
     pub fn new(width: usize, height: usize, texels: Vec<[f32; 3]>, to_world: DMat3) -> Self {
@@ -102,17 +109,44 @@ impl Envmap {
 
     /// Radiance at map coordinates.
     fn radiance(&self, u: f64, v: f64) -> Rgb {
+        let Cell { texels: [a, b, p, q], fx, fy } = self.cell(u, v);
+        Rgb::from_fn(|c| {
+            let [a, b, p, q] = [a[c], b[c], p[c], q[c]].map(f64::from);
+            (1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * p + fx * q)
+        })
+    }
+
+    fn cell(&self, u: f64, v: f64) -> Cell {
         let (x, y) = (u * self.width as f64 - 0.5, v * (self.height as f64 - 1.0));
         // x >= -1/2 and y >= 0: integer parts without `floor`. Columns wrap.
         let (right, ya) = ((x + 1.0) as usize, y as usize);
         let (fx, fy) = (x + 1.0 - right as f64, y - ya as f64);
         let (xa, xb) = (if right == 0 { self.width } else { right } - 1, if right < self.width { right } else { 0 });
         let yb = (ya + 1).min(self.height - 1);
-        let t = |x: usize, y: usize, c: usize| f64::from(self.texels[y * self.width + x][c]);
-        Rgb::from_fn(|c| {
-            (1.0 - fy) * ((1.0 - fx) * t(xa, ya, c) + fx * t(xb, ya, c))
-                + fy * ((1.0 - fx) * t(xa, yb, c) + fx * t(xb, yb, c))
-        })
+        let t = |x: usize, y: usize| self.texels[y * self.width + x];
+        Cell { texels: [t(xa, ya), t(xb, ya), t(xa, yb), t(xb, yb)], fx, fy }
+    }
+
+    /// Gradient of the radiance by the components of w, per channel; 0 at the poles, where columns meet.
+    pub fn slope(&self, w: DVec3) -> [DVec3; 3] {
+        let d = self.local * w;
+        let s2 = d.x * d.x + d.z * d.z;
+        let s = s2.sqrt();
+        if s == 0.0 {
+            return [DVec3::ZERO; 3];
+        }
+        let by_u = DVec3::new(-d.z, 0.0, d.x) / (2.0 * PI * s2);
+        let by_v = (DVec3::new(d.x, 0.0, d.z) * (d.y / s) - DVec3::Y * s) / (PI * (s2 + d.y * d.y));
+        let (u, v) = self.uv(w);
+        let cell = self.cell(u, v);
+        let slope = |c: usize| {
+            let [a, b, p, q] = cell.texels.map(|t| f64::from(t[c]));
+            let along_u = (1.0 - cell.fy) * (b - a) + cell.fy * (q - p);
+            let along_v = (1.0 - cell.fx) * (p - a) + cell.fx * (q - b);
+            let local = by_u * (along_u * self.width as f64) + by_v * (along_v * (self.height as f64 - 1.0));
+            self.local.transpose() * local
+        };
+        std::array::from_fn(slope)
     }
 
     /// Direction toward the environment, its density per solid angle, and the radiance from there.

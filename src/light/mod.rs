@@ -32,6 +32,8 @@ pub enum LightKind {
     Spot { position: DVec3, axis: DVec3, beam: f64, cutoff: f64 },
     /// Irradiance on a plane across `direction` (the direction of travel) [T] (29).
     Directional { direction: DVec3 },
+    /// A beam of parallel rays: irradiance on a plane across `direction`, from `position` on. Within `radius`, or falling as [`beam_profile`].
+    Beam { position: DVec3, direction: DVec3, radius: f64, gaussian: bool },
     /// Radiance leaving the front of a shape.
     Area { shape: u32 },
     /// The same radiance from everywhere.
@@ -57,13 +59,15 @@ pub struct Place {
     pub direction: Slot,
     /// Beam width, then cutoff.
     pub angles: Slot,
+    /// Of a beam.
+    pub radius: Slot,
 }
 
 impl Place {
     /// Whether any parameter moves the light.
     pub fn moves(&self, params: &ParamSet) -> bool {
         let active = |first: Slot, n| first != Slot::MAX && params.block_active(first, n);
-        active(self.position, 3) || active(self.direction, 3) || active(self.angles, 2)
+        active(self.position, 3) || active(self.direction, 3) || active(self.angles, 2) || active(self.radius, 1)
     }
 }
 
@@ -97,6 +101,17 @@ pub fn spot_falloff<R: Real>(cos: R, beam: R, cutoff: R) -> R {
         // acos through atan2 keeps its digits near the axis.
         let sin = (-(cos * cos) + 1.0).sqrt();
         (-sin.atan2(cos) + cutoff) / (cutoff - beam)
+    }
+}
+
+/// Irradiance of a beam at the distance rho from its axis over that on it.
+pub fn beam_profile<R: Real>(rho: R, radius: R, gaussian: bool) -> R {
+    if gaussian {
+        (-(rho / radius).sqr() * 2.0).exp()
+    } else if rho.value() < radius.value() {
+        R::one()
+    } else {
+        R::zero()
     }
 }
 
@@ -134,6 +149,14 @@ impl Light {
             }
             _ => None,
         }
+    }
+
+    /// How that light changes with w, per channel; `None` where it is the same from everywhere.
+    pub fn escape_slope(&self, w: DVec3) -> Option<[DVec3; 3]> {
+        let LightKind::Envmap(e) = &self.kind else { return None };
+        let slope = e.slope(w);
+        // Linear in the map's radiance.
+        Some(std::array::from_fn(|c| slope[c] * self.emission(Rgb::ONE).color()[c]))
     }
 
     /// The direction toward a light at infinity without extent.
@@ -182,13 +205,14 @@ impl Light {
                 })
             }
             // Area lights need their shape: `scene::connect` samples them.
-            LightKind::Area { .. } | LightKind::Constant => None,
+            // Beams reach a vertex by ways of their own: `transport::beam`.
+            LightKind::Area { .. } | LightKind::Constant | LightKind::Beam { .. } => None,
         }
     }
 
     /// Whether next-event estimation is worth a ray.
     pub fn wants_connection(&self) -> bool {
-        !matches!(self.kind, LightKind::Constant)
+        !matches!(self.kind, LightKind::Constant | LightKind::Beam { .. })
     }
 
     /// Irradiance of a light without extent, mean radiance of an environment: what a vertex sees of a light at infinity.
@@ -209,7 +233,7 @@ impl Light {
             LightKind::Spot { cutoff, beam, .. } => v * 2.0 * PI * (1.0 - (0.5 * (beam + cutoff)).cos()),
             LightKind::Directional { .. } => v * PI * radius * radius,
             LightKind::Area { .. } => v * PI * area,
-            LightKind::Constant => 0.0,
+            LightKind::Constant | LightKind::Beam { .. } => 0.0,
             LightKind::Envmap(e) => v * e.mean_luminance() * 4.0 * PI * PI * radius * radius,
         }
     }

@@ -1,5 +1,6 @@
-//! Numbers: dual numbers, random streams, warps, colours, statistics, nearest points. Imports glam only.
+//! Numbers: dual numbers, random streams, warps, colours, black bodies, statistics, nearest points. Imports glam only.
 
+pub mod blackbody;
 pub mod discrete;
 pub mod equiangular;
 pub mod fresnel;

@@ -1,10 +1,12 @@
-//! Participating media: extinction, albedo, phase function, and how both depend on slots.
+//! Participating media: extinction, albedo, phase function, emission, and how they depend on slots.
 
+pub mod glow;
 pub mod grid;
 
 use crate::math::{DVec3, Rgb};
-use crate::params::{Covector, Mover, ParamSet, Quantity, Sink, Slot};
+use crate::params::{Mover, ParamSet, Quantity, Sink, Slot};
 use crate::phase::Phase;
+use glow::Glow;
 use grid::Grid;
 use std::sync::Arc;
 
@@ -20,6 +22,14 @@ impl Volume {
         match self {
             Volume::Constant(c) => *c,
             Volume::Grid(g) => g.lookup_rgb(p),
+        }
+    }
+
+    /// Largest value, per channel.
+    pub fn max(&self) -> Rgb {
+        match self {
+            Volume::Constant(c) => *c,
+            Volume::Grid(g) => Rgb(g.max3()),
         }
     }
 
@@ -73,7 +83,6 @@ pub struct MediumSlots {
     pub albedo: Slot,
     pub scale: Slot,
     pub g: Slot,
-    pub emission: Slot,
     /// Of a density grid with a transform: the field moves with it.
     pub mover: Option<Mover>,
 }
@@ -98,7 +107,7 @@ pub struct Medium {
     pub scale: f64,
     pub albedo: Volume,
     /// Emitted radiance L_e, multiplied by sigma_a [S] (4).
-    pub emission: Option<Volume>,
+    pub emission: Option<Glow>,
     pub phase: Phase,
     pub slots: MediumSlots,
     /// Extinction and scattering of a homogeneous medium; of a grid medium, the largest ones.
@@ -137,7 +146,7 @@ impl Medium {
 
     /// Grids at whose boxes the medium may end: of density, albedo and emission.
     pub fn clipped_grids(&self) -> impl Iterator<Item = &Grid> {
-        let volumes = [Some(&self.density), Some(&self.albedo), self.emission.as_ref()];
+        let volumes = [Some(&self.density), Some(&self.albedo), self.emission.as_ref().map(|e| &e.volume)];
         volumes.into_iter().flatten().filter_map(Volume::clipped)
     }
 
@@ -190,12 +199,10 @@ impl Medium {
         self.share_partials(params, p, Rgb::ONE - self.albedo.at(p), -1.0, f);
     }
 
-    /// How sigma_t at a fixed point changes as its grid moves past, `-<∇σ_t, v>` ([T] section 3), times `weight`.
+    /// How sigma_t at a fixed point changes as its grid moves past, times `weight`.
     fn motion_partials(&self, mover: &Mover, p: DVec3, weight: Rgb, sink: &mut impl Sink) {
         let Some(grid) = self.density_grid() else { return };
-        let g = grid.gradient3(p);
-        let c = std::array::from_fn(|k| Rgb::from_fn(|c| -self.scale * weight[c] * g[c][k]));
-        mover.point(p, &Covector(c), sink);
+        mover.field(p, &grid.gradient3(p), weight * self.scale, sink);
     }
 
     /// The mover, if any parameter moves it.
@@ -215,13 +222,6 @@ impl Medium {
         }
         self.density.partials(params, s.sigma_t, p, share * self.scale, &mut f);
         self.albedo.partials(params, s.albedo, p, density * (slope * self.scale), &mut f);
-    }
-
-    /// Partials of what has the partials `weight` by L_e at a point.
-    pub fn emission_partials(&self, params: &ParamSet, p: DVec3, weight: Rgb, mut f: impl FnMut(Slot, Rgb)) {
-        if let Some(e) = &self.emission {
-            e.partials(params, self.slots.emission, p, weight, &mut f);
-        }
     }
 
     /// `d (integral of sigma_t over a span) / d slot`, per channel [T] (11) with fixed points.
@@ -284,7 +284,10 @@ impl Medium {
         match quantity {
             Quantity::SigmaT => Some((&mut self.density, &mut s.sigma_t)),
             Quantity::Albedo => Some((&mut self.albedo, &mut s.albedo)),
-            Quantity::Glow => self.emission.as_mut().map(|e| (e, &mut s.emission)),
+            Quantity::Glow | Quantity::Temperature => {
+                let e = self.emission.as_mut().filter(|e| e.quantity() == quantity)?;
+                Some((&mut e.volume, &mut e.slots.value))
+            }
             _ => None,
         }
     }
@@ -294,18 +297,16 @@ impl Medium {
         let (volume, first) = match quantity {
             Quantity::SigmaT => (&self.density, self.slots.sigma_t),
             Quantity::Albedo => (&self.albedo, self.slots.albedo),
-            Quantity::Glow => (self.emission.as_ref()?, self.slots.emission),
+            Quantity::Glow | Quantity::Temperature => {
+                let e = self.emission.as_ref().filter(|e| e.quantity() == quantity)?;
+                (&e.volume, e.slots.value)
+            }
             _ => return None,
         };
         match volume {
             Volume::Grid(g) => Some((g, first)),
             Volume::Constant(_) => None,
         }
-    }
-
-    /// Whether voxels of its emission are active; a constant one is the emission's own business ([`crate::light::Emission`]).
-    pub fn glow_voxels_active(&self, params: &ParamSet) -> bool {
-        self.grid_of(Quantity::Glow).is_some_and(|(_, first)| first != NO_SLOT && params.is_active(first))
     }
 
     pub fn g_active(&self, params: &ParamSet) -> bool {

@@ -12,7 +12,7 @@ use crate::native::vdb_frame::Frame;
 use openvdb_sys as sys;
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Edge of a leaf, in voxels.
 pub const LEAF: i32 = 8;
@@ -142,10 +142,28 @@ pub fn list(path: &Path) -> Result<Vec<GridInfo>> {
     (0..file.count()).map(|i| file.stats(i)).collect()
 }
 
+/// What [`list`] says of one grid.
+pub fn info(path: &Path, select: &Select) -> Result<GridInfo> {
+    let file = Open::new(path)?;
+    file.stats(file.find(select)?)
+}
+
 /// Load one grid. Values become f32; other types than float, half, double, int32, int64, bool, mask and vec3 are errors.
 pub fn load(path: &Path, select: &Select) -> Result<VdbGrid> {
+    let grid = open(path, select)?;
+    let mut leaves = Vec::with_capacity(grid.leaf_count());
+    let mut leaf = grid.room();
+    for i in 0..grid.leaf_count() {
+        grid.leaf(i, &mut leaf)?;
+        leaves.push(leaf.clone());
+    }
+    Ok(VdbGrid { channels: grid.channels, leaves, tiles: grid.tiles()?, info: grid.info.clone() })
+}
+
+/// One grid in OpenVDB's memory, as [`load`] reads it: whoever needs each leaf only once takes them from there.
+pub fn open(path: &Path, select: &Select) -> Result<Loaded> {
     let file = Open::new(path)?;
-    file.load(file.find(select)?)?.read(path)
+    file.load(file.find(select)?)
 }
 
 /// OpenVDB's own trilinear sampler at world points; vectors interleaved. For tests.
@@ -326,7 +344,10 @@ impl<'a> Open<'a> {
             let raw = raw.assume_init();
             (grid_info(i, &raw), raw.channels as usize)
         };
-        let loaded = Loaded { handle, info, channels };
+        let (mut leaves, mut tiles) = (0, 0);
+        // SAFETY: a handle just filled.
+        unsafe { sys::tvdb_node_counts(handle, &mut leaves, &mut tiles) };
+        let loaded = Loaded { path: self.path.to_owned(), handle, leaves, tiles, info, channels };
         if !loaded.info.world_from_index.is_finite() {
             let what = format!("its transform is a {}: only affine ones can be rendered", loaded.info.transform);
             return Err(damage(self.path, &name, &what));
@@ -339,10 +360,14 @@ impl<'a> Open<'a> {
 }
 
 /// A grid in OpenVDB's memory.
-struct Loaded {
+pub struct Loaded {
+    path: PathBuf,
     handle: *mut sys::tvdb_grid,
-    info: GridInfo,
-    channels: usize,
+    leaves: usize,
+    tiles: usize,
+    pub info: GridInfo,
+    /// 1 or 3.
+    pub channels: usize,
 }
 
 impl Drop for Loaded {
@@ -353,41 +378,49 @@ impl Drop for Loaded {
 }
 
 impl Loaded {
-    /// Copy leaves and tiles out.
-    fn read(self, path: &Path) -> Result<VdbGrid> {
-        let (mut leaf_count, mut tile_count) = (0, 0);
-        // SAFETY: an open handle.
-        unsafe { sys::tvdb_node_counts(self.handle, &mut leaf_count, &mut tile_count) };
+    pub fn leaf_count(&self) -> usize {
+        self.leaves
+    }
+
+    /// A leaf to be read into.
+    pub fn room(&self) -> Leaf {
+        Leaf { origin: [0; 3], active: [0; 8], values: vec![0.0; LEAF_VOXELS * self.channels] }
+    }
+
+    /// Copy the i-th leaf out.
+    pub fn leaf(&self, i: usize, leaf: &mut Leaf) -> Result<()> {
         let name = &self.info.name;
-        let mut leaves = Vec::with_capacity(leaf_count);
-        for i in 0..leaf_count {
-            let mut leaf = Leaf { origin: [0; 3], active: [0; 8], values: vec![0.0; LEAF_VOXELS * self.channels] };
-            // SAFETY: room for 3, 8 and 512 * channels numbers.
-            call(path, name, |e, n| unsafe {
-                let (origin, active) = (leaf.origin.as_mut_ptr(), leaf.active.as_mut_ptr());
-                sys::tvdb_leaf(self.handle, i, origin, active, leaf.values.as_mut_ptr(), e, n)
-            })?;
-            if !aligned(leaf.origin, LEAF) {
-                return Err(damage(path, name, &format!("a leaf lies at {:?} (damaged file)", leaf.origin)));
-            }
-            leaves.push(leaf);
+        leaf.values.resize(LEAF_VOXELS * self.channels, 0.0);
+        // SAFETY: an open handle; room for 3, 8 and 512 * channels numbers; an index out of range is an error.
+        call(&self.path, name, |e, n| unsafe {
+            let (origin, active) = (leaf.origin.as_mut_ptr(), leaf.active.as_mut_ptr());
+            sys::tvdb_leaf(self.handle, i, origin, active, leaf.values.as_mut_ptr(), e, n)
+        })?;
+        if !aligned(leaf.origin, LEAF) {
+            return Err(damage(&self.path, name, &format!("a leaf lies at {:?} (damaged file)", leaf.origin)));
         }
-        let mut tiles = Vec::with_capacity(tile_count);
-        for i in 0..tile_count {
+        Ok(())
+    }
+
+    /// Active tiles, and inactive ones whose value is not the background's.
+    pub fn tiles(&self) -> Result<Vec<Tile>> {
+        let name = &self.info.name;
+        let mut tiles = Vec::with_capacity(self.tiles);
+        for i in 0..self.tiles {
             let mut tile = Tile { origin: [0; 3], size: 0, value: [0.0; 3], active: false };
             let mut active = 0;
-            // SAFETY: room for 3, 1, 3 and 1 numbers.
-            call(path, name, |e, n| unsafe {
+            // SAFETY: an open handle; room for 3, 1, 3 and 1 numbers.
+            call(&self.path, name, |e, n| unsafe {
                 let (origin, value) = (tile.origin.as_mut_ptr(), tile.value.as_mut_ptr());
                 sys::tvdb_tile(self.handle, i, origin, &mut tile.size, value, &mut active, e, n)
             })?;
             tile.active = active != 0;
             if !aligned(tile.origin, tile.size) {
-                return Err(damage(path, name, &format!("a tile lies at {:?} (damaged file)", tile.origin)));
+                return Err(damage(&self.path, name, &format!("a tile lies at {:?} (damaged file)", tile.origin)));
             }
             tiles.push(tile);
         }
-        Ok(VdbGrid { info: self.info.clone(), channels: self.channels, leaves, tiles })
+        Ok(tiles)
     }
 }
 

@@ -84,6 +84,12 @@ impl Mover {
         }
     }
 
+    /// How a field with these gradients (per channel) that is carried along changes at a fixed point, `-<∇f, v>` ([T] section 3), times `weight`.
+    pub fn field(&self, p: DVec3, gradients: &[DVec3; 3], weight: Rgb, sink: &mut impl Sink) {
+        let c = std::array::from_fn(|k| Rgb::from_fn(|c| -weight[c] * gradients[c][k]));
+        self.point(p, &Covector(c), sink);
+    }
+
     /// `<c, ṅ>` for a unit normal that goes with the matter: `ṅ = -Aᵀn + n <n,An>`.
     pub fn normal(&self, n: DVec3, c: &Covector, sink: &mut impl Sink) {
         let across = c.across(n);

@@ -24,6 +24,12 @@ pub enum Quantity {
     Emission,
     /// Emitted radiance of a medium (multiplied by sigma_a) likewise.
     Glow,
+    /// Factor on a medium's emission.
+    GlowScale,
+    /// Temperature of a medium that shines as a black body, its scale to kelvin, and what is subtracted before.
+    Temperature,
+    TemperatureScale,
+    TemperatureOffset,
     /// Factor on an environment map.
     EnvironmentScale,
     /// Position of a point or spot light, world space.
@@ -32,10 +38,15 @@ pub enum Quantity {
     Direction,
     /// Beam width and cutoff of a spot, radians.
     Angles,
+    /// Of a beam.
+    Radius,
     /// Motion of a shape or camera: displacement of its pivot, world space.
     Shift,
     /// The linear part of its motion about the pivot, row by row ([`super::Mover`]).
     Deformation,
+    /// The same two of a medium's emission grid.
+    GlowShift,
+    GlowDeformation,
     /// A perspective camera's tangent of half the field of view, and its principal point.
     Lens,
     /// Vertices of a mesh, three numbers each, world space.
@@ -52,12 +63,17 @@ impl Quantity {
             Quantity::Reflectance => "reflectance",
             Quantity::Ior => "ior",
             Quantity::Emission | Quantity::Glow => "emission",
+            Quantity::GlowScale => "emission_scale",
+            Quantity::Temperature => "temperature",
+            Quantity::TemperatureScale => "temperature_scale",
+            Quantity::TemperatureOffset => "temperature_offset",
             Quantity::EnvironmentScale => "scale",
             Quantity::Position => "position",
             Quantity::Direction => "direction",
             Quantity::Angles => "angles",
-            Quantity::Shift => "shift",
-            Quantity::Deformation => "deformation",
+            Quantity::Radius => "radius",
+            Quantity::Shift | Quantity::GlowShift => "shift",
+            Quantity::Deformation | Quantity::GlowDeformation => "deformation",
             Quantity::Lens => "lens",
             Quantity::Vertices => "vertices",
         }
@@ -65,8 +81,11 @@ impl Quantity {
 
     /// Whether it is a value at fixed points; otherwise something moves.
     pub fn is_value(self) -> bool {
-        use Quantity::{Angles, Deformation, Direction, Ior, Lens, Position, Shift, Vertices};
-        !matches!(self, Ior | Position | Direction | Angles | Shift | Deformation | Lens | Vertices)
+        use Quantity::{
+            Angles, Deformation, Direction, GlowDeformation, GlowShift, Ior, Lens, Position, Radius, Shift, Vertices,
+        };
+        let moves = matches!(self, Position | Direction | Shift | Deformation | GlowShift | GlowDeformation | Vertices);
+        !(moves || matches!(self, Ior | Angles | Radius | Lens))
     }
 }
 

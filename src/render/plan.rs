@@ -104,7 +104,10 @@ impl Term {
         let unknown = m.ior || m.interface || m.other_volume;
         match self {
             Term::P => !(m.environment || m.other_volume),
-            Term::M | Term::G | Term::R | Term::H | Term::E1 | Term::E2 | Term::E3 => !unknown,
+            Term::M => !m.other_volume,
+            Term::S => true,
+            Term::H => !m.other_volume,
+            Term::G | Term::R | Term::E1 | Term::E2 | Term::E3 => !unknown,
             Term::N => !unknown && !m.box_border,
             _ => false,
         }
@@ -121,18 +124,22 @@ pub struct Facts {
     pub reflecting: bool,
     /// Opaque things that can stand between a light and what it lights (a lamp's own shape alone does not).
     pub occluders: bool,
-    /// Point, spot, directional or collimated light.
+    /// Point, spot or directional light.
     pub zero_measure_light: bool,
     /// Of those, one with a position.
     pub local_light: bool,
     pub hard_profile: bool,
+    /// A collimated beam.
+    pub beam: bool,
+    /// And something opaque that may stand in it.
+    pub cut_beam: bool,
     pub area_light: bool,
     /// The density of some medium jumps at a visible border (its box, its shape).
     pub border_jump: bool,
     pub dielectric: bool,
-    /// A dielectric with flat facets.
+    /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,
-    /// Something with an outline or border (occluder, lamp, medium border) can be seen or cast through an interface.
+    /// Something with an outline (occluder, lamp) can be seen or cast by way of an interface.
     pub beyond_interface: bool,
     /// A zero-measure light whose light has to cross an interface.
     pub light_across_interface: bool,
@@ -147,18 +154,20 @@ pub struct Motion {
     pub environment: bool,
     /// A volume moves by its transform.
     pub volume: bool,
-    /// Of those, one of albedo or emission.
+    /// Of those, one of albedo, or one of emission that ends at a box.
     pub other_volume: bool,
     /// The border at which its density jumps moves with it.
     pub border: bool,
     /// That border is the box of a grid.
     pub box_border: bool,
-    /// Point, spot, directional or collimated light.
+    /// Point, spot or directional light.
     pub zero_measure_light: bool,
     /// Of those, one with a position moves its position.
     pub local_light: bool,
-    /// Angles of a spot, radius of a beam.
+    /// Angles of a spot.
     pub profile: bool,
+    /// A collimated beam: where it is, its direction, its radius.
+    pub beam: bool,
     pub area_light: bool,
     pub opaque: bool,
     pub camera: bool,
@@ -196,6 +205,10 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     let followed = m.local_light && f.hard_profile && f.medium && f.occluders;
     add(followed, &[E2], "points of a medium follow a hard-edged light that stands in it");
     add(followed && f.reflecting, &[E3], "points of a medium follow a hard-edged light that stands in it");
+    add(m.beam, &[M], "a beam moves, or its profile changes");
+    add(m.beam && f.hard_profile, &[H], "its profile has a hard edge");
+    let any = m.beam || m.opaque || m.area_light || m.camera || m.ior || m.interface || m.zero_measure_light;
+    add(any && f.cut_beam, &[C], "something opaque may stand in a beam");
     let shadow = m.zero_measure_light && f.occluders;
     add(shadow && f.medium, &[G], "a light moves, occluders cast shadows in a medium");
     add(shadow && f.reflecting, &[R], "a light moves, occluders cast shadows on surfaces");
@@ -216,17 +229,18 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(seen && f.zero_measure_light && f.reflecting, &[R], "hits ride on camera rays through shadows");
 
     let anything = m.opaque || m.camera || m.zero_measure_light || m.area_light;
+    // No D: where medium points go with what their ray meets ([T] (58), (60)) no face is swept.
     add(m.ior, &[S], "the refractive index changes");
-    add(m.ior && f.medium, &[D], "path segments inside end at the interface");
     add(m.interface, &[S], "an interface moves");
-    add(m.interface && f.medium, &[D], "path segments inside end at the interface");
+    add(m.interface && f.medium, &[M], "medium points near an interface that moves go with it");
+    add(m.camera && f.dielectric, &[S], "camera rays turn at interfaces");
     let specular = m.ior || m.interface;
     add(specular && f.light_across_interface, &[C], "a zero-measure light shines through an interface");
+    add(specular && f.beam, &[M], "a beam shines through an interface");
     add(specular && f.hard_profile, &[H], "the beam has a hard edge");
     add(m.ior && f.beyond_interface, &[E1, VE], "outlines are seen through the interface");
     add(m.ior && f.beyond_interface && f.medium, &[E2], "refracted vertices see static edges");
     add(m.ior && f.beyond_interface && f.reflecting, &[E3], "refracted hits see static edges");
-    add(m.ior && f.beyond_interface && f.border_jump, &[N], "refracted segments end at static borders");
     let across = specular && f.beyond_interface && f.light_across_interface && f.occluders;
     add(across && f.medium, &[G], "a point light casts shadows across an interface");
     add(across && f.reflecting, &[R], "a point light casts shadows across an interface");
@@ -235,6 +249,7 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(facets && f.medium, &[E2], "the refracted direction jumps at facet edges");
     add(facets && f.reflecting, &[E3], "the refracted direction jumps at facet edges");
     add(m.interface && f.beyond_interface, &[VE], "edges are seen through a moving interface");
+    add(anything && f.polygonal_dielectric, &[VE], "rays part at the edges of an interface");
     add(
         anything && f.dielectric && f.occluders && f.beyond_interface,
         &[VE],
@@ -324,7 +339,8 @@ impl Plan {
                 all.entry(term).or_insert_with(|| format!("{why} ({name})"));
             }
             let matter = motion.opaque || motion.area_light || motion.camera;
-            if facts.dielectric && (matter || motion.zero_measure_light || motion.profile) {
+            let light = motion.zero_measure_light || motion.profile;
+            if facts.dielectric && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface)) {
                 let why = "what moves may be seen or lit by way of an interface";
                 missing.push((name.clone(), Term::S, why));
                 all.entry(Term::S).or_insert_with(|| format!("{why} ({name})"));
@@ -379,9 +395,14 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     };
     let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
     let through = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. });
-    let flat = |k: &ShapeKind<f64>| !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Cylinder { .. });
+    // The border of an open interface counts as out of sight (`term::interfaces`).
+    let edged = |k: &ShapeKind<f64>| {
+        !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Rectangle { .. } | ShapeKind::Disk { .. })
+    };
+    let outlined = |s: usize| opaque(s) && !smooth(s);
     let local = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Point { .. } | LightKindPart::Spot { .. });
     let distant = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Directional { .. });
+    let beam = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Beam { .. });
     let zero_measure_light = p.lights.iter().any(|l| local(&l.kind) || distant(&l.kind));
     let solid: Vec<_> = p.shapes.iter().filter(|s| opaque(s.surface)).collect();
     Facts {
@@ -394,14 +415,17 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         local_light: p.lights.iter().any(|l| local(&l.kind)),
         hard_profile: p.lights.iter().any(|l| match l.kind {
             LightKindPart::Spot { beam, cutoff, .. } => beam >= cutoff,
+            LightKindPart::Beam { gaussian, .. } => !gaussian,
             _ => false,
         }),
+        beam: p.lights.iter().any(|l| beam(&l.kind)),
+        cut_beam: p.lights.iter().any(|l| beam(&l.kind)) && p.shapes.iter().any(|s| outlined(s.surface)),
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
-        polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && flat(&s.kind)),
+        polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && edged(&s.kind)),
         // Whatever there is besides, or behind, may be seen in it.
-        beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && (solid.len() > 1 || !p.media.is_empty()),
+        beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
     }
 }
@@ -446,6 +470,11 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
         }
         match what {
             Movable::Shape(i) => m.shape(p, i),
+            Movable::LightPosition(i) | Movable::LightDirection(i) | Movable::LightProfile(i)
+                if matches!(p.lights[i].kind, LightKindPart::Beam { .. }) =>
+            {
+                m.beam = true;
+            }
             Movable::LightPosition(_) => {
                 m.zero_measure_light = true;
                 m.local_light = true;
@@ -463,7 +492,13 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
                 m.border |= ends;
                 m.box_border |= ends;
             }
-            Movable::Volume(_) => {
+            Movable::Glow(i) => {
+                m.volume = true;
+                // A field that jumps at its box would sweep it.
+                let emission = p.media[i].emission.as_ref();
+                m.other_volume |= emission.is_some_and(|e| matches!(e.volume, VolumePart::Vol { .. }));
+            }
+            Movable::Albedo(_) => {
                 m.volume = true;
                 m.other_volume = true;
             }

@@ -1,8 +1,10 @@
 //! Warnings that need the whole scene: cameras and lights in media that they do not name.
 
+use super::beams::is_flat;
 use super::parts::Parts;
 use super::{On, Scene};
 use crate::error::{Span, Warning, WarningKind};
+use crate::light::LightKind;
 use crate::math::DVec3;
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
@@ -37,6 +39,16 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
     }
     if scene.surfaces.iter().any(Surface::is_smooth) {
         for (l, part) in scene.lights.iter().zip(&parts.lights) {
+            let beam = matches!(l.kind, LightKind::Beam { .. });
+            let followed = |s: &&super::Instance| !scene.surfaces[s.surface as usize].is_smooth() || is_flat(&s.shape);
+            if let Some(s) = scene.shapes.iter().find(|s| beam && !followed(s)) {
+                found.push(warning(
+                    WarningKind::LightBehindGlass,
+                    &part.span,
+                    format!("what beam `{}` sends by way of `{}` is not in the picture yet", l.name, s.name),
+                    "beams are followed at rectangles, disks and cubes".into(),
+                ));
+            }
             if l.center().is_some() || l.single_direction().is_some() {
                 found.push(warning(
                     WarningKind::LightBehindGlass,
@@ -47,6 +59,15 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
                 ));
             }
         }
+    }
+    for &id in &scene.beams.cut {
+        let part = &parts.lights[id as usize];
+        found.push(warning(
+            WarningKind::LightBehindGlass,
+            &part.span,
+            format!("beam `{}` is mirrored and refracted more often than it is followed", part.name),
+            "set max_depth to 14 or less: then all of its ways are there".into(),
+        ));
     }
     let coarse = scene.bounds.magnitude() > 1e5 * scene.bounds.radius();
     if !scene.bounds.is_empty() && scene.bounds.radius() > 0.0 && coarse {

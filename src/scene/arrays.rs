@@ -13,8 +13,12 @@ use crate::shape::Shape;
 pub const VERTICES: &str = "vertices";
 
 /// Arrays of voxels: their names, and what they hold.
-pub const VOXELS: [(&str, Quantity); 3] =
-    [("sigma_t.grid", Quantity::SigmaT), ("albedo.grid", Quantity::Albedo), ("emission.grid", Quantity::Glow)];
+pub const VOXELS: [(&str, Quantity); 4] = [
+    ("sigma_t.grid", Quantity::SigmaT),
+    ("albedo.grid", Quantity::Albedo),
+    ("emission.grid", Quantity::Glow),
+    ("temperature.grid", Quantity::Temperature),
+];
 
 /// What a name means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +54,7 @@ pub fn known(name: &str) -> Result<()> {
         Some((object, array)) => Err(Error::usage(
             format!("`--wrt {name}`: derivatives by `{array}` of `{object}` are not available yet"),
             "give a `$parameter` of the scene (`tyndall info SCENE` lists them), ID.vertices, ID being the id of an obj or ply shape, or \
-             ID.sigma_t.grid, ID.albedo.grid, ID.emission.grid, ID being the id of a medium with such a grid",
+             ID.sigma_t.grid, ID.albedo.grid, ID.emission.grid, ID.temperature.grid, ID being the id of a medium with such a grid",
         )),
     }
 }

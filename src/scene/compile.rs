@@ -1,14 +1,21 @@
 //! From parts to a scene that can be rendered: files are loaded, Embree is built, media and lights get their tables.
 
+use super::beams::Beams;
 use super::desc::SceneDesc;
 use super::geometry::Group;
-use super::parts::{LightKindPart, MediumPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart};
+use super::parts::{
+    GlowPart, LightKindPart, MediumPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart,
+};
+use super::transform::Mat4;
+use super::volumes::{Loading, load_vdb, load_vol};
 use super::{Film, Instance, Scene, Settings, arrays};
 use crate::error::{Error, Result, Warning, WarningKind};
 use crate::light::envmap::Envmap;
 use crate::light::{Light, LightKind, Place};
 use crate::math::discrete::Discrete;
 use crate::math::{DMat3, DVec3, Dual, Rgb};
+use crate::medium::glow::{Glow, GlowSlots, Heat};
+use crate::medium::grid::Allowed;
 use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
 use crate::params::{Mover, Owner, ParamSet, Quantity, SlotTable};
 use crate::phase::Phase;
@@ -121,9 +128,11 @@ impl Scene {
             distant: Vec::new(),
             local: Discrete::default(),
             embedded: Discrete::default(),
+            beams: Beams::default(),
         };
         let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();
         scene.prepare_lights(&named);
+        scene.prepare_beams();
         if can_move(desc, &scene)? {
             scene.uniform_share = UNIFORM_SHARE;
         }
@@ -251,20 +260,10 @@ fn medium(
     options: &LoadOptions,
     warnings: &mut Vec<Warning>,
 ) -> Result<Medium> {
-    let density = volume(&m.density, options, warnings)?;
-    let albedo = volume(&m.albedo, options, warnings)?;
-    if let Volume::Grid(g) = &albedo {
-        if g.max() > 1.0 {
-            let what = format!("medium `{}`: the albedo grid reaches {}", m.name, g.max());
-            return Err(Error::scene(&m.span, what, "an albedo lies between 0 and 1"));
-        }
-    }
-    let emission = m.emission.as_ref().map(|v| volume(v, options, warnings)).transpose()?;
-    let largest = |v: &Volume| match v {
-        Volume::Constant(c) => *c,
-        Volume::Grid(g) => Rgb(g.max3()),
-    };
-    let sigma_t = largest(&density) * m.scale;
+    let density = volume(&m.density, Allowed::NON_NEGATIVE, options, warnings)?;
+    let albedo = volume(&m.albedo, Allowed::SHARE, options, warnings)?;
+    let emission = m.emission.as_ref().map(|e| glow(m, e, owner, slots, options, warnings)).transpose()?;
+    let sigma_t = density.max() * m.scale;
     let constant_albedo = if let Volume::Constant(c) = &albedo { *c } else { Rgb::ONE };
     let gray = match &density {
         Volume::Constant(c) => c.is_gray(),
@@ -272,7 +271,7 @@ fn medium(
     };
     Ok(Medium {
         name: m.name.clone(),
-        sigma_s: sigma_t * largest(&albedo),
+        sigma_s: sigma_t * albedo.max(),
         sigma_t,
         constant_albedo,
         gray,
@@ -286,28 +285,67 @@ fn medium(
             albedo: slot_of(slots, owner, Quantity::Albedo),
             scale: slot_of(slots, owner, Quantity::MediumScale),
             g: slot_of(slots, owner, Quantity::G),
-            emission: slot_of(slots, owner, Quantity::Glow),
-            mover: m
-                .density
-                .to_world()
-                .map(|t| Mover { first: slot_of(slots, owner, Quantity::Shift), pivot: t.affine().translation }),
+            mover: m.density.to_world().map(|t| mover(t, slots, owner, Quantity::Shift)),
         },
         kappa: 1.0,
     })
 }
 
-fn volume(v: &VolumePart<f64>, options: &LoadOptions, warnings: &mut Vec<Warning>) -> Result<Volume> {
-    match v {
-        VolumePart::Constant(c) => Ok(Volume::Constant(Rgb(*c))),
-        VolumePart::Vol { path, to_world, span, smooth } => {
-            let g = super::volumes::load_vol(path, to_world.affine(), *smooth, span, options, warnings)?;
-            Ok(Volume::Grid(Arc::new(g)))
+/// Of a volume that is placed like this.
+fn mover(to_world: &Mat4<f64>, slots: &SlotTable, owner: Owner, shift: Quantity) -> Mover {
+    Mover { first: slot_of(slots, owner, shift), pivot: to_world.affine().translation }
+}
+
+/// Temperatures below this, in kelvin, shine with less than 1e-8 W / (m² sr).
+const DARK: f64 = 650.0;
+
+fn glow(
+    m: &MediumPart<f64>,
+    e: &GlowPart<f64>,
+    owner: Owner,
+    slots: &SlotTable,
+    options: &LoadOptions,
+    warnings: &mut Vec<Warning>,
+) -> Result<Glow> {
+    let v = volume(&e.volume, Allowed::NON_NEGATIVE, options, warnings)?;
+    let heat = e.heat.map(|[scale, offset]| Heat { scale, offset });
+    if let (Some(heat), Volume::Grid(g)) = (&heat, &v) {
+        if g.channels() != 1 {
+            let what = format!("medium `{}`: its temperature grid has three channels", m.name);
+            return Err(Error::scene(&m.span, what, "a temperature is one number: name a grid of floats"));
         }
-        VolumePart::Vdb { path, grid, to_world, span } => {
-            let g = super::volumes::load_vdb(path, grid, to_world.affine(), span, options, warnings)?;
-            Ok(Volume::Grid(Arc::new(g)))
+        let most = heat.kelvin(g.max());
+        if most < DARK {
+            warnings.push(Warning {
+                kind: WarningKind::NoEffect,
+                span: m.span.clone(),
+                what: format!(
+                    "medium `{}`: its temperature reaches {most} K, where nothing can be seen to glow",
+                    m.name
+                ),
+                hint: "set temperature_scale: files often hold 0..1 or 0..3 for some thousand kelvin".into(),
+            });
         }
     }
+    let quantity = if heat.is_some() { Quantity::Temperature } else { Quantity::Glow };
+    let slots = GlowSlots {
+        value: slot_of(slots, owner, quantity),
+        scale: slot_of(slots, owner, Quantity::GlowScale),
+        heat_scale: slot_of(slots, owner, Quantity::TemperatureScale),
+        heat_offset: slot_of(slots, owner, Quantity::TemperatureOffset),
+        mover: e.volume.to_world().map(|t| mover(t, slots, owner, Quantity::GlowShift)),
+    };
+    Ok(Glow { volume: v, scale: e.scale, heat, slots })
+}
+
+fn volume(v: &VolumePart<f64>, allowed: Allowed, options: &LoadOptions, warnings: &mut Vec<Warning>) -> Result<Volume> {
+    let how = |to_world: &Mat4<f64>, span| Loading { to_world: to_world.affine(), allowed, span, options };
+    let grid = match v {
+        VolumePart::Constant(c) => return Ok(Volume::Constant(Rgb(*c))),
+        VolumePart::Vol { path, to_world, span, smooth } => load_vol(path, *smooth, how(to_world, span), warnings)?,
+        VolumePart::Vdb { file, to_world, span } => load_vdb(file, how(to_world, span), warnings)?,
+    };
+    Ok(Volume::Grid(Arc::new(grid)))
 }
 
 fn surface(s: &SurfacePart<f64>, slot: u32) -> Surface {
@@ -335,6 +373,11 @@ fn light(l: &super::parts::LightPart<f64>, owner: Owner, slots: &SlotTable) -> R
             LightKind::Spot { position: m.translation, axis, beam: *beam, cutoff: *cutoff }
         }
         LightKindPart::Directional { direction } => LightKind::Directional { direction: direction.value() },
+        LightKindPart::Beam { to_world, radius, gaussian } => {
+            let m = to_world.affine();
+            let direction = m.transform_vector3(DVec3::Z).normalize();
+            LightKind::Beam { position: m.translation, direction, radius: *radius, gaussian: *gaussian }
+        }
         LightKindPart::Area { shape } => LightKind::Area { shape: *shape as u32 },
         LightKindPart::Constant => LightKind::Constant,
         LightKindPart::Envmap { path, to_world } => {
@@ -354,6 +397,7 @@ fn light(l: &super::parts::LightPart<f64>, owner: Owner, slots: &SlotTable) -> R
         position: slot_of(slots, owner, Quantity::Position),
         direction: slot_of(slots, owner, Quantity::Direction),
         angles: slot_of(slots, owner, Quantity::Angles),
+        radius: slot_of(slots, owner, Quantity::Radius),
     };
     Ok(Light { name: l.name.clone(), kind, value: Rgb(l.value), slot: slot_of(slots, owner, quantity), place })
 }

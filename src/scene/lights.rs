@@ -68,7 +68,7 @@ impl Scene {
         let light = |l: &crate::light::Light| match &l.kind {
             LightKind::Area { .. } | LightKind::Constant => l.value.max(),
             LightKind::Envmap(e) => l.value.max() * e.brightest(),
-            LightKind::Directional { .. } => l.value.max(),
+            LightKind::Directional { .. } | LightKind::Beam { .. } => l.value.max(),
             LightKind::Point { .. } | LightKind::Spot { .. } => l.value.max() / (radius * radius),
         };
         let b = self.lights.iter().map(light).fold(0.0, f64::max);

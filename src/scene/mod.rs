@@ -2,6 +2,7 @@
 
 pub mod advice;
 pub mod arrays;
+pub mod beams;
 pub mod compile;
 pub mod desc;
 pub mod geometry;
@@ -73,6 +74,12 @@ impl Scene {
         self.surfaces[s.surface as usize].is_null()
     }
 
+    /// Whether light jumps where rays graze the shape: not at glass and mirrors without edges, which reflect all of it straight on.
+    pub fn has_outline(&self, s: &Instance) -> bool {
+        let surface = &self.surfaces[s.surface as usize];
+        !surface.is_null() && !(surface.is_smooth() && matches!(s.shape, Shape::Sphere(_)))
+    }
+
     /// Whether the shape does nothing but part media.
     pub fn is_border(&self, s: &Instance) -> bool {
         s.boundary && self.is_null(s)
@@ -141,6 +148,8 @@ pub struct Scene {
     /// All lights for connections if they are few, more than one, and at infinity; otherwise none.
     pub distant: Vec<u32>,
     pub local: Discrete,
+    /// Ways of collimated beams.
+    pub beams: beams::Beams,
     /// Of every light that stands in a medium, for the light-centred one.
     pub embedded: Discrete,
 }

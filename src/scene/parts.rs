@@ -5,6 +5,7 @@
 
 use super::desc::{Env, Node, SceneDesc};
 use super::transform::Mat4;
+use super::volumes::VdbFile;
 use crate::error::{Error, Result, Span};
 use crate::math::{DMat4, DVec3, Real, V3, warp};
 use crate::params::{Owner, Quantity};
@@ -102,7 +103,7 @@ pub enum SurfacePart<R> {
 pub enum VolumePart<R> {
     Constant([R; 3]),
     Vol { path: PathBuf, to_world: Mat4<R>, span: Span, smooth: bool },
-    Vdb { path: PathBuf, grid: String, to_world: Mat4<R>, span: Span },
+    Vdb { file: VdbFile, to_world: Mat4<R>, span: Span },
 }
 
 impl<R: Real> VolumePart<R> {
@@ -114,25 +115,52 @@ impl<R: Real> VolumePart<R> {
     }
 }
 
+/// Emitted radiance L_e, multiplied by sigma_a.
+pub struct GlowPart<R> {
+    /// Of radiance, or of temperatures.
+    pub volume: VolumePart<R>,
+    pub scale: R,
+    /// Scale and offset of temperatures.
+    pub heat: Option<[R; 2]>,
+}
+
 pub struct MediumPart<R> {
     pub name: String,
     pub span: Span,
     pub density: VolumePart<R>,
     pub albedo: VolumePart<R>,
-    /// Emitted radiance L_e, multiplied by sigma_a.
-    pub emission: Option<VolumePart<R>>,
+    pub emission: Option<GlowPart<R>>,
     pub scale: R,
     /// `None` = isotropic.
     pub g: Option<R>,
 }
 
 pub enum LightKindPart<R> {
-    Point { position: V3<R> },
-    Spot { to_world: Mat4<R>, beam: R, cutoff: R },
-    Directional { direction: V3<R> },
-    Area { shape: usize },
+    Point {
+        position: V3<R>,
+    },
+    Spot {
+        to_world: Mat4<R>,
+        beam: R,
+        cutoff: R,
+    },
+    Directional {
+        direction: V3<R>,
+    },
+    /// From the origin along +z of `to_world`.
+    Beam {
+        to_world: Mat4<R>,
+        radius: R,
+        gaussian: bool,
+    },
+    Area {
+        shape: usize,
+    },
     Constant,
-    Envmap { path: PathBuf, to_world: Mat4<R> },
+    Envmap {
+        path: PathBuf,
+        to_world: Mat4<R>,
+    },
 }
 
 impl<R: Real> LightKindPart<R> {
@@ -147,6 +175,11 @@ impl<R: Real> LightKindPart<R> {
                 (Quantity::Angles, vec![*beam, *cutoff]),
             ],
             LightKindPart::Directional { direction } => vec![(Quantity::Direction, list(*direction))],
+            LightKindPart::Beam { to_world, radius, .. } => vec![
+                (Quantity::Position, list(to_world.column(3))),
+                (Quantity::Direction, list(to_world.vector(V3::constant(DVec3::Z)).normalize())),
+                (Quantity::Radius, vec![*radius]),
+            ],
             LightKindPart::Area { .. } | LightKindPart::Constant | LightKindPart::Envmap { .. } => Vec::new(),
         }
     }
@@ -225,9 +258,10 @@ pub enum Movable {
     LightDirection(usize),
     LightProfile(usize),
     Environment(usize),
-    /// A medium's density grid; its other grids.
+    /// A medium's grid of densities, of emission or temperatures, of albedos.
     Density(usize),
-    Volume(usize),
+    Glow(usize),
+    Albedo(usize),
     Sensor(usize),
 }
 
@@ -266,8 +300,22 @@ impl<R: Real> Parts<R> {
             }
             add(owner, &m.name, Quantity::MediumScale, vec![m.scale]);
             add(owner, &m.name, Quantity::G, m.g.into_iter().collect());
-            if let Some(VolumePart::Constant(c)) = &m.emission {
-                add(owner, &m.name, Quantity::Glow, c.to_vec());
+            if let Some(e) = &m.emission {
+                match (&e.volume, e.heat) {
+                    (VolumePart::Constant(c), None) => add(owner, &m.name, Quantity::Glow, c.to_vec()),
+                    (VolumePart::Constant(c), Some(_)) => add(owner, &m.name, Quantity::Temperature, vec![c[0]]),
+                    _ => {}
+                }
+                add(owner, &m.name, Quantity::GlowScale, vec![e.scale]);
+                if let Some([scale, offset]) = e.heat {
+                    add(owner, &m.name, Quantity::TemperatureScale, vec![scale]);
+                    add(owner, &m.name, Quantity::TemperatureOffset, vec![offset]);
+                }
+                if let Some(to_world) = e.volume.to_world() {
+                    let (shift, deformation) = affine_motion(to_world);
+                    add(owner, &m.name, Quantity::GlowShift, vec![shift.x, shift.y, shift.z]);
+                    add(owner, &m.name, Quantity::GlowDeformation, deformation);
+                }
             }
             if let Some(to_world) = m.density.to_world() {
                 let (shift, deformation) = affine_motion(to_world);
@@ -347,9 +395,9 @@ impl<R: Real> Parts<R> {
         }
         for (i, m) in self.media.iter().enumerate() {
             v.extend(m.density.to_world().map(|t| (Movable::Density(i), flat(t))));
-            for t in [Some(&m.albedo), m.emission.as_ref()].into_iter().flatten().filter_map(VolumePart::to_world) {
-                v.push((Movable::Volume(i), flat(t)));
-            }
+            let glow = m.emission.as_ref().and_then(|e| e.volume.to_world());
+            v.extend(glow.map(|t| (Movable::Glow(i), flat(t))));
+            v.extend(m.albedo.to_world().map(|t| (Movable::Albedo(i), flat(t))));
         }
         for (i, s) in self.sensors.iter().enumerate() {
             let mut x = flat(&s.to_world);

@@ -2,15 +2,17 @@
 
 use super::desc::{Node, suggest};
 use super::parts::{
-    LightKindPart, LightPart, MediumPart, Reader, ShapeKind, ShapePart, SurfacePart, VolumePart, label,
+    GlowPart, LightKindPart, LightPart, MediumPart, Reader, ShapeKind, ShapePart, SurfacePart, VolumePart, label,
 };
+use super::volumes::VdbFile;
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Real, V3};
+use crate::native::vdb::Select;
 use std::path::PathBuf;
 
 const SHAPES: [&str; 7] = ["obj", "ply", "rectangle", "cube", "disk", "sphere", "cylinder"];
 const BSDFS: [&str; 5] = ["diffuse", "dielectric", "conductor", "null", "twosided"];
-const EMITTERS: [&str; 6] = ["area", "point", "spot", "directional", "constant", "envmap"];
+const EMITTERS: [&str; 7] = ["area", "point", "spot", "directional", "collimated", "constant", "envmap"];
 const MEDIA: [&str; 2] = ["homogeneous", "heterogeneous"];
 const VOLUMES: [&str; 3] = ["constvolume", "gridvolume", "openvdb"];
 const PHASES: [&str; 2] = ["isotropic", "hg"];
@@ -47,6 +49,25 @@ fn require(n: &Node, prop: &str, ok: bool, what: String, remedy: &str) -> Result
 fn needs_file(n: &Node) -> Result<PathBuf> {
     n.path("filename")?
         .ok_or_else(|| n.err("filename", "no `filename`", "add <string name=\"filename\" value=\"...\"/>"))
+}
+
+/// Which grid of an OpenVDB file: by name; by `grid_index`, its place in the file; by both, that one of its name. From 0.
+fn select(v: &Node) -> Result<Select> {
+    let name = v.string_opt("grid_name")?;
+    let Some(index) = v.int_opt("grid_index")? else {
+        return Ok(Select::Name(name.unwrap_or_else(|| "density".into())));
+    };
+    let index = usize::try_from(index)
+        .map_err(|_| v.err("grid_index", format!("grid_index is {index}"), "grids are counted from 0"))?;
+    Ok(name.map_or(Select::Index(index), |name| Select::NameIndex(name, index)))
+}
+
+/// Whether a level set is to be read as fog.
+fn fog(v: &Node) -> Result<bool> {
+    let way = v.string_opt("level_set")?;
+    let ok = way.as_deref().is_none_or(|w| w == "fog");
+    require(v, "level_set", ok, format!("level_set is `{}`", way.as_deref().unwrap_or("")), "only `fog` is available")?;
+    Ok(way.is_some())
 }
 
 impl<R: Real> Reader<'_, R> {
@@ -243,6 +264,19 @@ impl<R: Real> Reader<'_, R> {
                 require(n, "direction", length > 0.0, "direction is zero".into(), "give a vector of some length")?;
                 (LightKindPart::Directional { direction: d.normalize() }, n.rgb(env, "irradiance", 1.0)?, "irradiance")
             }
+            "collimated" => {
+                let radius: R = n.float(env, "radius", 1.0)?;
+                let r = radius.value();
+                require(n, "radius", r > 0.0, format!("radius is {r}"), "a beam has some width")?;
+                let profile = n.string("profile", "hard")?;
+                let known = ["hard", "gaussian"].contains(&profile.as_str());
+                require(n, "profile", known, format!("profile is `{profile}`"), "use hard or gaussian")?;
+                let to_world = n.transform(env, "to_world")?;
+                let length = to_world.vector(V3::constant(DVec3::Z)).value().length();
+                require(n, "to_world", length > 0.0, "to_world has no axis".into(), "it must not flatten z")?;
+                let kind = LightKindPart::Beam { to_world, radius, gaussian: profile == "gaussian" };
+                (kind, n.rgb(env, "irradiance", 1.0)?, "irradiance")
+            }
             "constant" => (LightKindPart::Constant, n.rgb(env, "radiance", 1.0)?, "radiance"),
             "envmap" => {
                 let to_world = n.transform(env, "to_world")?;
@@ -299,16 +333,44 @@ impl<R: Real> Reader<'_, R> {
                 _ => return Err(p.unknown_plugin(&PHASES)),
             },
         };
-        let emission = match n.has("emission") {
-            true => Some(self.volume(n, "emission", 0.0)?),
-            false => None,
-        };
-        if let Some(VolumePart::Constant(c)) = &emission {
-            let ok = c.iter().all(|x| x.value() >= 0.0);
-            let text = format!("emission is {:?}", c.map(R::value));
-            require(n, "emission", ok, text, "light is not negative")?;
-        }
+        let emission = self.glow(n)?;
         Ok(MediumPart { name: label(n), span: n.span.clone(), density, albedo, emission, scale, g })
+    }
+
+    /// `emission` (radiance) or `temperature` (black bodies), and their numbers.
+    fn glow(&mut self, n: &Node) -> Result<Option<GlowPart<R>>> {
+        let name = match (n.has("emission"), n.has("temperature")) {
+            (false, false) => return Ok(None),
+            (true, false) => "emission",
+            (false, true) => "temperature",
+            (true, true) => {
+                let what = "a medium with both emission and temperature";
+                return Err(n.err("temperature", what, "give one of them: temperature is emission by black bodies"));
+            }
+        };
+        let volume = self.volume(n, name, 0.0)?;
+        if let VolumePart::Constant(c) = &volume {
+            let ok = c.iter().all(|x| x.value() >= 0.0);
+            let remedy = if name == "emission" { "light is not negative" } else { "temperatures are not negative" };
+            require(n, name, ok, format!("{name} is {:?}", c.map(R::value)), remedy)?;
+        }
+        let scale: R = n.float(self.env, "emission_scale", 1.0)?;
+        let s = scale.value();
+        require(n, "emission_scale", s >= 0.0, format!("emission_scale is {s}"), "light is not negative")?;
+        if name == "emission" {
+            return Ok(Some(GlowPart { volume, scale, heat: None }));
+        }
+        let one = match n.named(name)? {
+            Some(v) => v.plugin != "constvolume" || v.kind_of("value") != Some("rgb"),
+            None => n.kind_of(name) != Some("rgb"),
+        };
+        require(n, name, one, "a temperature of three colours".into(), "give one number, in a <float>")?;
+        let factor: R = n.float(self.env, "temperature_scale", 1.0)?;
+        let f = factor.value();
+        let what = format!("temperature_scale is {f}");
+        require(n, "temperature_scale", f >= 0.0, what, "use a scale >= 0: it takes the volume's numbers to kelvin")?;
+        let offset = n.float(self.env, "temperature_offset", 0.0)?;
+        Ok(Some(GlowPart { volume, scale, heat: Some([factor, offset]) }))
     }
 
     /// A number, a colour or a nested `<volume>`.
@@ -348,12 +410,10 @@ impl<R: Real> Reader<'_, R> {
                 }
                 Ok(VolumePart::Vol { path, to_world, span: v.span_of("filename"), smooth })
             }
-            "openvdb" => Ok(VolumePart::Vdb {
-                path: needs_file(v)?,
-                grid: v.string("grid_name", "density")?,
-                to_world: v.transform(self.env, "to_world")?,
-                span: v.span_of("filename"),
-            }),
+            "openvdb" => {
+                let file = VdbFile { path: needs_file(v)?, select: select(v)?, fog: fog(v)? };
+                Ok(VolumePart::Vdb { file, to_world: v.transform(self.env, "to_world")?, span: v.span_of("filename") })
+            }
             _ => Err(v.unknown_plugin(&VOLUMES)),
         }
     }

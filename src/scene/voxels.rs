@@ -1,6 +1,6 @@
-//! Voxels of a medium's grids as arrays: `smoke.sigma_t.grid`, and the same for albedo and emission.
+//! Voxels of a medium's grids as arrays: `smoke.sigma_t.grid`, and the same for albedo, emission and temperature.
 //!
-//! The numbers are the grid's raw values (density before `scale`) at its active voxels; an active tile is one number, because one value holds
+//! The numbers are the grid's raw values (density before `scale`, emission before `emission_scale`, temperatures before they become kelvin) at its active voxels; an active tile is one number, because one value holds
 //! for all of its voxels. What is not active has no slot, whatever light finds there; [`Scene::dilate`] makes its neighbours active.
 
 use super::arrays::{self, Target, kind_of, too_many};
@@ -20,7 +20,8 @@ fn volume(m: &MediumPart<f64>, quantity: Quantity) -> Option<&VolumePart<f64>> {
     match quantity {
         Quantity::SigmaT => Some(&m.density),
         Quantity::Albedo => Some(&m.albedo),
-        Quantity::Glow => m.emission.as_ref(),
+        Quantity::Glow => m.emission.as_ref().filter(|e| e.heat.is_none()).map(|e| &e.volume),
+        Quantity::Temperature => m.emission.as_ref().filter(|e| e.heat.is_some()).map(|e| &e.volume),
         _ => None,
     }
 }
@@ -100,10 +101,7 @@ impl Scene {
         let Target::Voxels(index, quantity) = arrays::target(&parts, &array.name)? else { return Ok(None) };
         let Some((g, _)) = self.media[index].grid_of(quantity) else { return Ok(None) };
         let world_from_index = match volume(&parts.media[index], quantity) {
-            Some(VolumePart::Vdb { path, grid, .. }) => {
-                let info = vdb::list(path)?.into_iter().find(|i| i.name == *grid);
-                info.map(|i| i.world_from_index).unwrap_or(g.world_from_index())
-            }
+            Some(VolumePart::Vdb { file, .. }) => vdb::info(&file.path, &file.select)?.world_from_index,
             // The unit cube.
             _ => {
                 let shift = if g.filter() == Filter::Trilinear { 0.5 } else { 0.0 };

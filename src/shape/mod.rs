@@ -29,7 +29,7 @@ pub use roots::{barycentric, plane_t, sphere_other_root, sphere_roots};
 pub use sphere::{DirectionSample, Sphere};
 pub use topology::Topology;
 
-use crate::math::{DVec2, DVec3};
+use crate::math::{DMat3, DVec2, DVec3};
 
 /// A crossing of a ray with a shape, at `o + t w`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -142,6 +142,19 @@ macro_rules! each {
             Shape::Cylinder($s) => $call,
         }
     };
+}
+
+impl Shape {
+    /// How the unit normal n turns as its point p moves over the surface, as a map on velocities, 1/length.
+    pub fn curvature(&self, p: DVec3, n: DVec3) -> DMat3 {
+        let outer = |a: DVec3| DMat3::from_cols(a * a.x, a * a.y, a * a.z);
+        match self {
+            Shape::Sphere(s) => (DMat3::IDENTITY - outer(n)) * (n.dot(p - s.center).signum() / s.radius),
+            // Around the axis only.
+            Shape::Cylinder(s) => outer(s.axis.cross(n)) * (n.dot(s.from_axis(p)).signum() / s.radius),
+            _ => DMat3::ZERO,
+        }
+    }
 }
 
 impl Geometry for Shape {

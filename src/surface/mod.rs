@@ -64,7 +64,7 @@ impl Surface {
                 [mirrored(Rgb::splat(f)), refracted]
             }
             Surface::Conductor { eta, k, two_sided, .. } if front || *two_sided => {
-                [mirrored(fresnel::conductor(c, *eta, *k)), None]
+                [mirrored(Rgb::from_fn(|i| fresnel::conductor(c, eta[i], k[i]))), None]
             }
             _ => [None, None],
         }

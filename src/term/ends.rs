@@ -8,11 +8,9 @@ use crate::math::{DVec2, DVec3, Rgb};
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::sensor::Projected;
 use crate::shape::{Geometry, Shape};
-use crate::transport::first::{First, Second, Seen};
+use crate::transport::first::{First, Met, Nth, Seen};
 use crate::transport::line::Line;
-use crate::transport::motion::Moving;
 use crate::transport::record::{MediumSpan, Recorder};
-use crate::transport::velocity::{Source, Velocity};
 use crate::transport::walk::{Stage, State, Walker};
 
 /// Light by the number of its scatterings so far.
@@ -206,21 +204,13 @@ pub enum Point {
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
     first: First,
-    place: Place,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Place {
-    First,
-    Second,
-    #[default]
-    Later,
+    place: Nth,
 }
 
 impl Watch {
     /// The point that `q` projects is seen by the camera itself.
     pub fn itself(cx: &Context, q: &Projected, point: &Point) -> Watch {
-        Watch { place: Place::First, ..Watch::by_way(cx, q, point, None) }
+        Watch { place: Nth::First, ..Watch::by_way(cx, q, point, None) }
     }
 
     /// The camera's path comes by way of the point that `q` projects. `second`: the vertex after that, if it is not yet the point whose motion is asked for.
@@ -235,13 +225,13 @@ impl Watch {
 
     /// The point is this first vertex.
     pub fn seen(cx: &Context, seen: Seen) -> Watch {
-        Watch { place: Place::First, ..Watch::new(cx, Some(seen), None) }
+        Watch { place: Nth::First, ..Watch::new(cx, Some(seen), None) }
     }
 
     /// By way of a first vertex that is known, and of a second one if that is not the point itself.
     pub fn new(cx: &Context, seen: Option<Seen>, second: Option<&Point>) -> Watch {
         let first = seen.filter(|_| cx.moving.any()).map(|s| cx.moving.film_line(cx.scene).first(&s));
-        let watch = Watch { first: first.unwrap_or_default(), place: Place::Second };
+        let watch = Watch { first: first.unwrap_or_default(), place: Nth::Second };
         match second {
             Some(p) => watch.beyond(cx, p),
             None => watch,
@@ -252,12 +242,12 @@ impl Watch {
     pub fn beyond(&self, cx: &Context, point: &Point) -> Watch {
         let first = self.first.clone();
         match (self.place, point) {
-            (Place::First, _) => Watch { first, place: Place::Second },
-            (Place::Second, Point::Surface(hit)) if cx.moving.any() => {
-                let first = cx.moving.film_line(cx.scene).then(first, &Second::Surface(*hit));
-                Watch { first, place: Place::Later }
+            (Nth::First, _) => Watch { first, place: Nth::Second },
+            (Nth::Second, Point::Surface(hit)) if cx.moving.any() => {
+                let first = cx.moving.film_line(cx.scene).then(first, &Met::Surface(*hit));
+                Watch { first, place: Nth::Later }
             }
-            _ => Watch { first, place: Place::Later },
+            _ => Watch { first, place: Nth::Later },
         }
     }
 }
@@ -291,21 +281,14 @@ pub fn motion(cx: &Context, point: &Point, watch: &Watch, c: DVec3, out: &mut Pa
     if !moving.any() || c == DVec3::ZERO {
         return;
     }
-    let velocity = match point {
-        _ if watch.place == Place::First => watch.first.velocity.clone(),
-        Point::Surface(h) => {
-            let (carried, _) = Moving::on_surface(&watch.first, h.p, watch.place == Place::Later);
-            let own = moving.moves(h.shape).then(|| Velocity::of(Source::at(h), h.p));
-            let own = own.map_or(carried.clone(), |v| v.plus(1.0, &carried));
-            let held = moving.film_line(scene).held(&watch.first, [h.shape, h.face], h.p, h.n);
-            match held.filter(|_| watch.place == Place::Second) {
-                Some(a) => own.plus(1.0, &watch.first.ahead_of(&moving.field, h).mapped(a.map)),
-                None => own,
-            }
-        }
-        Point::Medium(p) => moving.in_medium(scene, &watch.first, *p, watch.place == Place::Later).0,
+    let at = match point {
+        Point::Surface(h) => Met::Surface(*h),
+        Point::Medium(p) => Met::Medium(*p),
+        // Seen by the camera itself it moves as the first vertex.
+        Point::Infinity if watch.place == Nth::First => Met::Medium(DVec3::ZERO),
         Point::Infinity => return,
     };
+    let velocity = moving.vertex(scene, &watch.first, watch.place, &at);
     velocity.forms(scene, cx.sensor, c, |p| out.push(p));
 }
 

@@ -93,16 +93,19 @@ impl Edges {
         }
         let set = motion.edges(scene);
         let aim = Aim::new(scene, motion);
+        // Of interfaces only those are let pass whose borders are out of sight ([`super::interfaces`]).
+        let smooth = |shape: u32| scene.surfaces[scene.shapes[shape as usize].surface as usize].is_smooth();
+        let parts = |shape: u32| if smooth(shape) { 0.0 } else { 1.0 };
         let flat = |i: usize| {
             let Ends { a, b, pair } = set.ends(scene, i);
             let width = pair.map_or(PI, |corners| between(a, b, corners).1);
-            (b - a).length() * width * PI * aim.weight(motion, set.shape(i), (a + b) * 0.5)
+            (b - a).length() * width * PI * aim.weight(motion, set.shape(i), (a + b) * 0.5) * parts(set.shape(i))
         };
         let mut weights: Vec<f64> = (0..set.len()).into_par_iter().map(flat).collect();
         let mut curved = Vec::new();
         for (i, s) in scene.shapes.iter().enumerate() {
             let id = i as u32;
-            if scene.surfaces[s.surface as usize].is_null() {
+            if !scene.has_outline(s) {
                 continue;
             }
             let (curve, grazed, size, middle) = match &s.shape {
@@ -122,7 +125,7 @@ impl Edges {
         for r in rims(scene, motion) {
             let Some(shape) = r.shapes().next() else { continue };
             let size = PI * (r.x.length() + r.y.length()) * TAU * wedge(&r.edge(0.0)).1;
-            weights.push(size * aim.weight(motion, shape, r.c));
+            weights.push(size * aim.weight(motion, shape, r.c) * parts(shape));
             curved.push(Element { grazed: r.grazed.clone(), curve: Curve::Rim(r) });
         }
         // Edges without length have no direction; no line grazes them.

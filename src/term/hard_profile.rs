@@ -5,6 +5,7 @@
 //! go with it ([`crate::transport::field`]), so that v_n vanishes there.
 
 use super::ends::{self, Point, Watch};
+use super::hard_beam::HardBeams;
 use super::sheet::{Partials, Ray, Reach};
 use super::sheet_samples::{self, Found};
 use super::{Context, LightMotion, Motion, Room, Sample};
@@ -24,6 +25,7 @@ pub struct HardProfile {
     cones: Vec<Cone>,
     table: Discrete,
     reach: Reach,
+    beams: Option<HardBeams>,
 }
 
 struct Cone {
@@ -38,7 +40,7 @@ struct Cone {
 }
 
 impl HardProfile {
-    /// Every spot with a hard edge that moves in any way; `None` if there is none.
+    /// Every spot with a hard edge that moves in any way, and all hard beams; `None` if there is none.
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<HardProfile> {
         let cone = |(i, (l, m)): (usize, (&crate::light::Light, &LightMotion))| match l.kind {
             LightKind::Spot { position, axis, beam, cutoff }
@@ -52,7 +54,9 @@ impl HardProfile {
         let cones: Vec<Cone> = scene.lights.iter().zip(&motion.lights).enumerate().filter_map(cone).collect();
         let power = |c: &Cone| scene.lights[c.light as usize].value.max().max(f64::MIN_POSITIVE);
         let table = Discrete::new(cones.iter().map(power));
-        (!cones.is_empty()).then(|| HardProfile { cones, table, reach: Reach::new(scene, sensor) })
+        let beams = HardBeams::prepare(scene, motion);
+        let any = beams.is_some() || !cones.is_empty();
+        any.then(|| HardProfile { cones, table, reach: Reach::new(scene, sensor), beams })
     }
 }
 
@@ -111,6 +115,12 @@ impl Room for HardProfile {
     }
 
     fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        if let Some(beams) = &self.beams {
+            beams.along(cx, film, rng, emit);
+        }
+        if self.cones.is_empty() {
+            return;
+        }
         sheet_samples::along(cx, film, |cx, spans, span| {
             for (i, cone) in self.cones.iter().enumerate() {
                 for (t, u) in cone.crossings(span.o, span.w) {
@@ -128,7 +138,14 @@ impl Room for HardProfile {
         });
     }
 
+    fn has_outward(&self) -> bool {
+        !self.cones.is_empty()
+    }
+
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        if self.cones.is_empty() {
+            return;
+        }
         let (k, probability, u) = self.table.sample(lead[0]);
         let cone = &self.cones[k];
         let (x, y) = warp::frame(cone.axis);

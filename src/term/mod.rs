@@ -13,7 +13,9 @@ pub mod ends;
 pub mod follows;
 pub mod grazing;
 pub mod grazing_line;
+pub mod hard_beam;
 pub mod hard_profile;
+pub mod interfaces;
 pub mod light_shadow;
 pub mod light_walk;
 pub mod medium_edge;
@@ -164,20 +166,7 @@ impl Motion {
                 "move it a little off what it touches, or give it a beam_width below its cutoff_angle",
             ));
         }
-        let mut smooth = scene.shapes.iter().filter(|s| scene.surfaces[s.surface as usize].is_smooth());
-        if let Some(s) = smooth.next() {
-            let lights = self.lights.iter().any(|l| l.position || l.direction || l.angles);
-            let index = scene.surfaces.iter().any(|s| s.refracts_by(params));
-            if self.surfaces() || lights || index {
-                return Err(Error::usage(
-                    format!(
-                        "`{}` mirrors or refracts: what moves beside it cannot be differentiated yet, nor its index",
-                        s.name
-                    ),
-                    "differentiate with respect to values of media, of other surfaces, and of lights",
-                ));
-            }
-        }
+        interfaces::check(scene, self, params)?;
         if let Some(name) = &self.glowing_null {
             return Err(Error::usage(
                 format!("the lamp `{name}` has a null bsdf, and something moves: this cannot be differentiated yet"),
@@ -292,7 +281,6 @@ pub trait Room: Send + Sync {
         true
     }
 
-    /// One sample from the sheet outward.
     /// One sample from the sheet outward. `lead`: the numbers that it begins with.
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample));
 

@@ -153,7 +153,7 @@ impl Outlines {
         let mut list = Vec::new();
         for (i, s) in scene.shapes.iter().enumerate() {
             let id = i as u32;
-            if scene.surfaces[s.surface as usize].is_null() || !keep(id) {
+            if !scene.has_outline(s) || !keep(id) {
                 continue;
             }
             let faces = Faces { lit: Vec::new(), own: vec![(id, 0)] };

@@ -221,9 +221,15 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
 /// A new chain begins, with what the camera line has crossed so far.
 pub(super) fn chain<R: Recorder>(w: &mut Walker<R>, s: &State) {
     w.rec.push(Event::Chain);
-    for &span in s.lead.iter().flat_map(|l| l.iter()) {
-        w.rec.push(Event::Span { span, prefix: None });
+    for &e in s.lead.iter().flat_map(|l| l.iter()) {
+        w.rec.push(e);
     }
+}
+
+/// More of the camera line.
+pub(super) fn lengthen(s: &mut State, events: impl Iterator<Item = Event>) {
+    let before = s.lead.iter().flat_map(|l| l.iter().copied());
+    s.lead = Some(before.chain(events).collect());
 }
 
 /// The state behind the line with nothing scattered on it.
@@ -246,8 +252,7 @@ fn record_passing<R: Recorder>(
 ) -> Option<State> {
     let mut s = passing?;
     if R::ON {
-        let before = s.lead.iter().flat_map(|l| l.iter().copied());
-        s.lead = Some(before.chain(pieces.iter().map(|p| p.span)).collect());
+        lengthen(&mut s, pieces.iter().map(|p| Event::Span { span: p.span, prefix: None }));
         if !pending {
             chain(w, &s);
         }

@@ -1,19 +1,23 @@
 //! What the events of a record mean for the motion of its chains ([`super::motion`]).
 
-use super::first::{First, Opening};
+use super::first::{FilmLine, First, Nth, Opening};
 use super::motion::{Chain, Chained, Moving};
-use super::record::{Event, PathRecord};
+use super::ray::MovingRay;
+use super::record::{End, Event, PathRecord};
 use crate::math::Rgb;
 use crate::params::Sink;
 use crate::scene::Scene;
 
-/// A chain's first vertex.
+/// A leg of a chain: its ray, and its first vertex.
 pub struct Start {
-    /// Index of the event that the chain begins with.
+    /// Index of the event that it begins with.
     begin: usize,
     place: At,
     second: At,
+    pub ray: MovingRay,
     pub first: First,
+    /// The ray that the interface turned, and whether it comes straight from the camera or from another interface.
+    came: Option<(MovingRay, bool)>,
 }
 
 /// Where the event of a vertex is.
@@ -26,41 +30,74 @@ enum At {
     Nowhere,
 }
 
-/// First vertices of the chains in some events.
+/// The legs in some events.
 pub struct Starts(Vec<Start>);
 
 impl Starts {
-    /// `open`: how the chain that the events begin in has begun. Empty where nothing moves.
-    pub fn new(scene: &Scene, moving: &Moving, events: &[Event], open: Opening) -> Starts {
+    /// `open`: how the leg that the record's events begin in has begun. Empty where nothing moves.
+    pub fn new(scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening) -> Starts {
         if !moving.any() {
             return Starts(Vec::new());
         }
-        let line = moving.film_line(scene);
+        fn line<'a>(scene: &'a Scene, moving: &'a Moving, ray: &'a MovingRay) -> FilmLine<'a> {
+            FilmLine { scene, moving, ray }
+        }
+        let mut ray = moving.film_ray().clone();
+        for leg in &rec.legs[open.legs[0] as usize..open.legs[1] as usize] {
+            let came = line(scene, moving, &ray).coming(&line(scene, moving, &ray).opening(leg.before()), leg);
+            ray = line(scene, moving, &came).behind(leg.end());
+        }
         let mut opening = open;
         let place = |known: bool| if known { At::Before } else { At::Nowhere };
-        let first = open.first.map(|s| line.first(&s)).unwrap_or_default();
-        let first = open.second.iter().fold(first, |first, z| line.then(first, z));
-        let mut list =
-            vec![Start { begin: 0, place: place(open.first.is_some()), second: place(open.second.is_some()), first }];
-        for (k, e) in events.iter().enumerate() {
+        let first = line(scene, moving, &ray).opening(&open);
+        let (begun, second) = (place(open.first.is_some()), place(open.second.is_some()));
+        let mut list = vec![Start { begin: 0, place: begun, second, first, ray, came: None }];
+        let fresh = |begin, ray, came| {
+            let (place, second) = (At::Nowhere, At::Nowhere);
+            Start { begin, place, second, first: First::default(), ray, came }
+        };
+        for (k, e) in rec.events.iter().enumerate() {
             let before = opening;
-            opening.follow(e);
+            let leg = opening.follow(e);
             if matches!(e, Event::Chain) {
-                list.push(Start { begin: k, place: At::Nowhere, second: At::Nowhere, first: First::default() });
+                list.push(fresh(k, moving.film_ray().clone(), None));
                 continue;
             }
             let Some(last) = list.last_mut() else { continue };
+            if let Some(leg) = leg {
+                let came = line(scene, moving, &last.ray).coming(&last.first, &leg);
+                let ray = line(scene, moving, &came).behind(leg.end());
+                let from = matches!(last.place, At::Nowhere);
+                list.push(fresh(k, ray, Some((came, from))));
+                continue;
+            }
             if let (None, Some(s)) = (before.first, opening.first) {
-                (last.first, last.place) = (line.first(&s), At::Event(k));
+                (last.first, last.place) = (line(scene, moving, &last.ray).first(&s), At::Event(k));
             }
             if let (None, Some(z)) = (before.second, opening.second) {
-                (last.first, last.second) = (line.then(std::mem::take(&mut last.first), &z), At::Event(k));
+                (last.first, last.second) =
+                    (line(scene, moving, &last.ray).then(std::mem::take(&mut last.first), &z), At::Event(k));
             }
         }
         Starts(list)
     }
 
-    /// The start of the chain that event `k` belongs to; `k` must not grow from call to call.
+    /// The leg that event `k` belongs to, and which of its vertices comes next there.
+    pub fn next_at(&self, k: usize) -> Option<(&Start, Nth)> {
+        let start = self.0.iter().rev().find(|s| s.begin <= k)?;
+        let passed = |at: At| match at {
+            At::Before => true,
+            At::Event(e) => e < k,
+            At::Nowhere => false,
+        };
+        Some(match (passed(start.place), passed(start.second)) {
+            (false, _) => (start, Nth::First),
+            (true, false) => (start, Nth::Second),
+            (true, true) => (start, Nth::Later),
+        })
+    }
+
+    /// The leg that event `k` belongs to; `k` must not grow from call to call.
     pub fn at(&mut self, k: usize) -> Option<&Start> {
         while self.0.len() > 1 && self.0.last().is_some_and(|s| k < s.begin) {
             self.0.pop();
@@ -70,6 +107,10 @@ impl Starts {
 }
 
 impl Start {
+    pub fn line<'a>(&'a self, scene: &'a Scene, moving: &'a Moving) -> FilmLine<'a> {
+        FilmLine { scene, moving, ray: &self.ray }
+    }
+
     /// Event `k` of a record, `after` having been collected behind it.
     pub fn event<S: Sink>(&self, cx: &mut Chained<S>, chain: &mut Chain, rec: &PathRecord, k: usize, after: Rgb) {
         // On the camera line, before any vertex.
@@ -87,14 +128,19 @@ impl Start {
         let side = |first: u32, len: u32| &rec.side[first as usize..(first + len) as usize];
         match &rec.events[k] {
             Event::Chain => chain.clear(),
+            Event::Specular(s) => {
+                let Some((came, straight)) = &self.came else { return };
+                cx.specular(chain, s, came, *straight, after);
+            }
+            Event::Emit { weight, end: End::Infinity(w), .. } if seen => cx.escape(*w, *weight),
             Event::Span { span, .. } if seen => cx.camera_span(span, &self.first, after),
             Event::Span { span, .. } => chain.span(cx.scene, span),
             Event::Scatter { medium, p, w, .. } => cx.scatter(chain, *medium, *p, *w, is_first),
             Event::Surface { hit, .. } => cx.reflect(chain, hit, is_first),
             Event::Emit { weight, emission, end } if !seen => cx.arrive(chain, *end, *weight * emission.color()),
-            Event::Glow { weight, emission, via, first_span, spans } => {
+            Event::Glow { weight, radiance, via, first_span, spans } => {
                 let dark = *weight;
-                cx.glow(chain, via, dark * via.sigma * emission.color(), dark, side(*first_span, *spans), seen);
+                cx.glow(chain, via, dark * via.sigma * *radiance, dark, side(*first_span, *spans), seen);
             }
             Event::Connect { weight, emission, end, first_span, spans, via, .. } => {
                 let (dark, spans) = (*weight * emission.color(), side(*first_span, *spans));

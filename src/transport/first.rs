@@ -13,7 +13,9 @@
 
 use super::attach::Attached;
 use super::field::{Field, decay};
+use super::motion::Moving;
 use super::piece::{Piece, Stop, onto, outer};
+use super::ray::{MovingRay, Specular};
 use super::record::{Event, MediumSpan};
 use super::velocity::{Rate, Source, Velocity};
 use crate::math::{DMat3, DVec3};
@@ -43,47 +45,94 @@ impl Seen {
     }
 }
 
-/// How a chain begins, as far as it has come.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Opening {
-    pub first: Option<Seen>,
-    pub second: Option<Second>,
-}
-
-/// Where the second vertex is.
+/// A vertex of a path.
 #[derive(Clone, Copy, Debug)]
-pub enum Second {
-    Medium,
+pub enum Met {
+    Medium(DVec3),
     Surface(Hit),
 }
 
+impl Met {
+    fn p(&self) -> DVec3 {
+        match self {
+            Met::Medium(p) => *p,
+            Met::Surface(hit) => hit.p,
+        }
+    }
+}
+
+/// Which vertex of its leg one is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Nth {
+    First,
+    Second,
+    #[default]
+    Later,
+}
+
+/// How the leg of a chain begins that events have come to. Smooth interfaces part a chain into legs: the ray behind one is given by what came before, as a
+/// camera ray is by the film, so that the vertex it leads to is a first one again.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Opening {
+    pub first: Option<Seen>,
+    pub second: Option<Met>,
+    /// The last one behind the second.
+    last: Option<Met>,
+    /// The chain's legs before this one, in the record's list.
+    pub legs: [u32; 2],
+}
+
+/// A leg that has come to its end.
+#[derive(Clone, Copy, Debug)]
+pub struct Leg {
+    before: Opening,
+    end: Specular,
+}
+
+impl Leg {
+    pub fn end(&self) -> &Specular {
+        &self.end
+    }
+
+    /// How it began.
+    pub fn before(&self) -> &Opening {
+        &self.before
+    }
+}
+
 impl Opening {
-    /// After one more event.
-    pub fn follow(&mut self, e: &Event) {
+    /// After one more event; the leg that ends with it.
+    pub fn follow(&mut self, e: &Event) -> Option<Leg> {
         let vertex = match *e {
             Event::Chain => {
-                *self = Opening::default();
-                return;
+                *self = Opening { legs: [self.legs[1]; 2], ..Opening::default() };
+                return None;
             }
-            Event::Scatter { p, span, .. } => (span.map(|span| Seen::Medium { p, span }), Second::Medium),
-            Event::Surface { hit, wi, .. } => (Some(Seen::Surface { hit, w: -wi }), Second::Surface(hit)),
-            _ => return,
+            Event::Specular(end) => {
+                let leg = Leg { before: *self, end };
+                *self = Opening { legs: [self.legs[0], self.legs[1] + 1], ..Opening::default() };
+                return Some(leg);
+            }
+            Event::Scatter { p, span, .. } => (span.map(|span| Seen::Medium { p, span }), Met::Medium(p)),
+            Event::Surface { hit, wi, .. } => (Some(Seen::Surface { hit, w: -wi }), Met::Surface(hit)),
+            _ => return None,
         };
         if self.first.is_none() {
             self.first = vertex.0;
         } else if self.second.is_none() {
             self.second = Some(vertex.1);
+        } else {
+            self.last = Some(vertex.1);
         }
+        None
     }
 }
 
-/// What a camera ray meets, in motion.
+/// What a ray meets, in motion: a camera ray, or one behind smooth interfaces.
 pub struct FilmLine<'a> {
     pub scene: &'a Scene,
-    pub field: &'a Field,
-    pub camera: bool,
-    /// Shapes that others cut.
-    pub cut: &'a [bool],
+    pub moving: &'a Moving,
+    pub ray: &'a MovingRay,
 }
 
 /// A first vertex in motion.
@@ -176,15 +225,19 @@ impl Excess {
 }
 
 impl FilmLine<'_> {
+    fn field(&self) -> &Field {
+        &self.moving.field
+    }
+
     /// Velocity of the point `p` of a camera ray along w that ends, or changes its medium, there.
     pub fn end(&self, p: DVec3, w: DVec3, stop: &Stop) -> Velocity {
-        let camera = if self.camera { Velocity::of(Source::Camera, p) } else { Velocity::default() };
+        let own = self.ray.at(p);
         match stop {
-            Stop::Free => camera,
-            Stop::Border(n) => camera.mapped(onto(*n, w)),
+            Stop::Free => own,
+            Stop::Border(n) => own.mapped(onto(*n, w)),
             Stop::Opaque { shape, face, n } => {
-                let on = camera.mapped(onto(*n, w));
-                if self.field.class(*shape).is_none() {
+                let on = own.mapped(onto(*n, w));
+                if self.field().class(*shape).is_none() {
                     return on;
                 }
                 let slide = outer(w, *n) * (1.0 / n.dot(w));
@@ -199,6 +252,24 @@ impl FilmLine<'_> {
         [self.end(piece.start(), piece.w, &piece.from), to]
     }
 
+    /// How the leg begins.
+    pub fn opening(&self, o: &Opening) -> First {
+        let first = o.first.map(|s| self.first(&s)).unwrap_or_default();
+        o.second.iter().fold(first, |first, z| self.then(first, z))
+    }
+
+    /// The ray as it comes to the end of a leg: as it is where the leg has no vertex, otherwise from its last one.
+    pub fn coming(&self, first: &First, leg: &Leg) -> MovingRay {
+        let (at, nth) = match (leg.before.last, leg.before.second, leg.before.first) {
+            (Some(z), ..) => (z, Nth::Later),
+            (None, Some(z), _) => (z, Nth::Second),
+            (None, None, Some(Seen::Surface { hit, .. })) => (Met::Surface(hit), Nth::First),
+            (None, None, Some(Seen::Medium { p, .. })) => (Met::Medium(p), Nth::First),
+            (None, None, None) => return self.ray.clone(),
+        };
+        MovingRay::leaving(at.p(), leg.end.w, self.moving.vertex(self.scene, first, nth, &at))
+    }
+
     pub fn first(&self, seen: &Seen) -> First {
         match seen {
             Seen::Surface { hit, w } => self.surface(hit, *w),
@@ -210,9 +281,9 @@ impl FilmLine<'_> {
         let stop = Stop::Opaque { shape: hit.shape, face: hit.face, n: hit.n };
         let velocity = self.end(hit.p, w, &stop);
         let mut first = First { velocity, at: Some((hit.p, Some(*hit))), ..First::default() };
-        if self.field.follows() {
+        if self.field().follows() {
             let mut e = first.velocity.clone();
-            if self.field.class(hit.shape).is_some() {
+            if self.field().class(hit.shape).is_some() {
                 e = e.plus(-1.0, &Velocity::of(Source::at(hit), hit.p));
             }
             first.excess = self.excess(hit.p, e, Some((hit.shape, hit.face, hit.n)), true);
@@ -232,19 +303,15 @@ impl FilmLine<'_> {
             first.stretch.add(&b, w / length);
             first.stretch.add(&a, -w / length);
             first.velocity = a.mapped(DMat3::from_diagonal(DVec3::splat(1.0 - f))).plus(f, &b);
-        } else if self.camera {
+        } else if !self.ray.is_still() {
             // The start's slide all along, and what the ray itself does.
-            let at = |p: DVec3| Velocity::of(Source::Camera, p);
-            first.velocity = a.plus(1.0, &at(p)).plus(-1.0, &at(piece.start()));
-            first.stretch.add(&at(p), w / before);
-            first.stretch.add(&at(piece.start()), -w / before);
+            let (from, to) = (self.ray.at(piece.start()), self.ray.at(p));
+            first.velocity = a.plus(1.0, &to).plus(-1.0, &from);
+            first.stretch.add(&to, w / before);
+            first.stretch.add(&from, -w / before);
         }
-        if self.camera && before > 0.0 {
-            let at = |p: DVec3| Velocity::of(Source::Camera, p);
-            let across = (DMat3::IDENTITY - outer(w, w)) * (1.0 / before);
-            first.turn = at(p).plus(-1.0, &at(piece.start())).mapped(across);
-        }
-        let (v, _) = self.field.at(self.scene, p);
+        first.turn = self.ray.turn(piece.start(), w);
+        let (v, _) = self.field().at(self.scene, p);
         let e = first.velocity.clone().plus(-1.0, &v);
         let face = match piece.to {
             Stop::Opaque { shape, face, n } => Some((shape, face, n)),
@@ -256,20 +323,21 @@ impl FilmLine<'_> {
 
     /// The same first vertex, for a path whose second is this one.
     #[must_use]
-    pub fn then(&self, first: First, second: &Second) -> First {
-        let Second::Surface(hit) = second else { return first };
-        if !self.field.follows() {
+    pub fn then(&self, first: First, second: &Met) -> First {
+        let Met::Surface(hit) = second else { return first };
+        if !self.field().follows() {
             return first;
         }
         let held = self.held(&first, [hit.shape, hit.face], hit.p, hit.n);
-        let slides = held.map(|a| first.ahead_of(self.field, hit).mapped(a.map));
+        let slides = held.map(|a| first.ahead_of(self.field(), hit).mapped(a.map));
         let face = Some((hit.shape, hit.face, hit.n));
         First { after: slides.and_then(|e| self.excess(hit.p, e, face, true)), ..first }
     }
 
     /// How the second vertex, z on a face of normal n, keeps to its direction from the first.
     pub fn held(&self, first: &First, [shape, face]: [u32; 2], z: DVec3, n: DVec3) -> Option<Attached> {
-        let (x, own) = first.at.filter(|_| !self.cut.get(shape as usize).copied().unwrap_or(false))?;
+        let cut = self.moving.cut().get(shape as usize).copied().unwrap_or(false);
+        let (x, own) = first.at.filter(|_| !cut)?;
         Attached::new(&self.scene.shapes[shape as usize].shape, face, x, own.map(|h| h.n), z, n)
     }
 
@@ -279,12 +347,12 @@ impl FilmLine<'_> {
             return None;
         }
         let Some((shape, face, n)) = face else {
-            let rho = CLEAR * self.field.clearance(self.scene, x, None);
+            let rho = CLEAR * self.field().clearance(self.scene, x, None);
             return Some(Excess { x, e, guide: None, rho });
         };
         let own = &self.scene.shapes[shape as usize].shape;
         // Nor over where the face ends: no room counts what would leave it there.
-        let radius = CLEAR * self.field.clearance(self.scene, x, Some((shape, face))).min(to_border(own, face, x));
+        let radius = CLEAR * self.field().clearance(self.scene, x, Some((shape, face))).min(to_border(own, face, x));
         let guide = match own {
             Shape::Sphere(s) => {
                 let r = (x - s.center).length();

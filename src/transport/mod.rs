@@ -2,6 +2,8 @@
 
 pub mod aim;
 pub mod attach;
+pub mod beam;
+pub mod beam_motion;
 pub mod beside;
 pub mod border;
 pub mod camera_line;
@@ -13,6 +15,7 @@ pub mod light_centred;
 pub mod line;
 pub mod motion;
 pub mod piece;
+pub mod ray;
 pub mod record;
 pub mod specular;
 pub mod sweep;

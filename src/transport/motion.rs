@@ -12,9 +12,11 @@
 //!
 //! Silhouettes have rooms of their own.
 
+use super::beam_motion::Connection;
 use super::field::{Field, classes};
-use super::first::{FilmLine, First, Seen};
+use super::first::{FilmLine, First, Met, Nth, Seen};
 use super::piece::{Piece, Stop};
+use super::ray::{MovingRay, Specular};
 use super::record::{Drawn, End, MediumSpan};
 use super::velocity::{Rate, Source, Velocity, transposed};
 use crate::error::Result;
@@ -22,9 +24,9 @@ use crate::light::{LightKind, spot_falloff};
 use crate::math::{DVec3, Rgb, gradient};
 use crate::params::{Covector, ParamSet, Sink};
 use crate::phase::one_minus_cos;
+use crate::scene::beams::Way;
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
-use crate::shape::Shape;
 use std::sync::Arc;
 
 /// Which shapes move, how medium points follow, and whether the camera moves.
@@ -32,6 +34,10 @@ use std::sync::Arc;
 pub struct Moving {
     pub field: Field,
     pub camera: bool,
+    /// That of a camera ray.
+    film: MovingRay,
+    /// Smooth surfaces whose index changes.
+    refracting: Vec<bool>,
     any: bool,
     /// Lights that the medium around them follows.
     followed: Vec<u32>,
@@ -47,11 +53,16 @@ impl Moving {
         let camera = sensor.moves(params);
         let bending: Vec<bool> = scene.shapes.iter().map(|s| s.bends(params)).collect();
         let followed: Vec<u32> = (0..scene.lights.len() as u32).filter(|&i| follows(scene, params, i)).collect();
-        let any = camera || !followed.is_empty() || classes.iter().any(Option::is_some);
+        let refracting: Vec<bool> = scene.surfaces.iter().map(|s| s.refracts_by(params)).collect();
+        let beams = scene.lights.iter().any(|l| matches!(l.kind, LightKind::Beam { .. }) && l.place.moves(params));
+        let changes = camera || beams || !followed.is_empty() || refracting.contains(&true);
+        let any = changes || classes.iter().any(Option::is_some);
         Ok(Moving {
             any,
             field: Field::new(scene, classes, &bending, &followed)?,
             camera,
+            film: if camera { MovingRay::Film } else { MovingRay::Still },
+            refracting,
             followed,
             bending,
             cut: Arc::default(),
@@ -86,8 +97,36 @@ impl Moving {
         self.bending[shape as usize]
     }
 
+    /// Whether the index of this surface changes.
+    pub fn refracts(&self, surface: usize) -> bool {
+        self.refracting[surface]
+    }
+
+    pub fn film_ray(&self) -> &MovingRay {
+        &self.film
+    }
+
     pub fn film_line<'a>(&'a self, scene: &'a Scene) -> FilmLine<'a> {
-        FilmLine { scene, field: &self.field, camera: self.camera, cut: &self.cut }
+        FilmLine { scene, moving: self, ray: &self.film }
+    }
+
+    /// Velocity of a vertex of the leg that begins so.
+    pub fn vertex(&self, scene: &Scene, first: &First, nth: Nth, at: &Met) -> Velocity {
+        let after = nth == Nth::Later;
+        match at {
+            _ if nth == Nth::First => first.velocity.clone(),
+            Met::Medium(p) => self.in_medium(scene, first, *p, after).0,
+            Met::Surface(h) => {
+                let (carried, _) = Moving::on_surface(first, h.p, after);
+                let own = self.moves(h.shape).then(|| Velocity::of(Source::at(h), h.p));
+                let own = own.map_or(carried.clone(), |v| v.plus(1.0, &carried));
+                let held = self.film_line(scene).held(first, [h.shape, h.face], h.p, h.n);
+                match held.filter(|_| nth == Nth::Second) {
+                    Some(a) => own.plus(1.0, &first.ahead_of(&self.field, h).mapped(a.map)),
+                    None => own,
+                }
+            }
+        }
     }
 
     /// Velocity of a later medium vertex, and its divergence. `after`: it comes after the second one, too.
@@ -122,6 +161,8 @@ enum Tip {
     Point(u32),
     /// A direction, unit.
     Infinity(DVec3),
+    /// A way of a beam.
+    Beam(u32),
 }
 
 /// A segment that leaves the vertex at hand, and all that was collected along it.
@@ -148,6 +189,8 @@ pub struct Chained<'a, S: Sink> {
     pub scene: &'a Scene,
     pub sensor: &'a Sensor,
     pub moving: &'a Moving,
+    /// Which the leg at hand begins with.
+    pub ray: &'a MovingRay,
     pub first: &'a First,
     /// Whether the event at hand is behind the second vertex.
     pub after: bool,
@@ -178,6 +221,7 @@ impl<S: Sink> Chained<'_, S> {
                 Tip::Surface { shape, face, p, n, carried, spread, at, turn }
             }
             End::Point(light) => Tip::Point(light),
+            End::Beam(way) => Tip::Beam(way),
             End::Infinity(w) => Tip::Infinity(w),
         }
     }
@@ -229,8 +273,35 @@ impl<S: Sink> Chained<'_, S> {
         self.medium_point(chain, v, value, first.as_ref(), spans);
     }
 
+    fn line(&self) -> FilmLine<'_> {
+        FilmLine { scene: self.scene, moving: self.moving, ray: self.ray }
+    }
+
+    /// A smooth surface turned the ray that `came`, `straight` from the camera or from a vertex: what was collected behind it depends on both.
+    pub fn specular(&mut self, chain: &mut Chain, s: &Specular, came: &MovingRay, straight: bool, after: Rgb) {
+        let line = FilmLine { scene: self.scene, moving: self.moving, ray: came };
+        line.specular_partials(self.sensor, s, after, self.sink);
+        chain.clear();
+        if !straight {
+            // The vertex before holds its direction.
+            chain.next = Some(Leg { tip: Tip::Infinity(s.w), value: after, emitted: after, pieces: Vec::new() });
+        }
+    }
+
+    /// Light from the environment at the end of the leg's ray, along w, with this weight.
+    pub fn escape(&mut self, w: DVec3, weight: Rgb) {
+        let turn = self.ray.turn(DVec3::ZERO, w);
+        let light = self.scene.environment.map(|id| &self.scene.lights[id as usize]);
+        let Some(slope) = light.filter(|_| !turn.is_zero()).and_then(|l| l.escape_slope(w)) else { return };
+        let mut form = Covector::default();
+        for (c, g) in slope.into_iter().enumerate() {
+            form.add(g, Rgb::channel(c, weight[c]));
+        }
+        turn.apply(self.scene, self.sensor, &form, self.sink);
+    }
+
     fn first_at(&self, via: &Drawn) -> First {
-        self.moving.film_line(self.scene).first(&Seen::Medium { p: via.p, span: via.span })
+        self.line().first(&Seen::Medium { p: via.p, span: via.span })
     }
 
     /// A medium point beside the walk: the camera's own first vertex, or the end of a segment from the vertex at hand.
@@ -281,7 +352,7 @@ impl<S: Sink> Chained<'_, S> {
     /// A span of the camera line on the way to its first vertex.
     pub fn camera_span(&mut self, span: &MediumSpan, first: &First, value: Rgb) {
         let Some(piece) = Piece::of(self.scene, span).filter(|_| !value.is_zero()) else { return };
-        let [a, mut b] = self.moving.film_line(self.scene).ends(&piece);
+        let [a, mut b] = self.line().ends(&piece);
         if piece.to == Stop::Free && piece.t1.is_finite() {
             b = first.velocity.clone();
         }
@@ -345,22 +416,8 @@ impl<'a> Vertex<'a> {
         after
     }
 
-    /// `first`: this vertex as the path's first, if it is that.
-    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: Leg, first: Option<&First>) {
-        let (x, value, scene) = (self.p(), leg.value, cx.scene);
-        let (p, w, d) = match &leg.tip {
-            Tip::Surface { p, .. } | Tip::Medium { p, .. } => (*p, (*p - x).normalize(), (*p - x).length()),
-            Tip::Point(light) => {
-                let Some(p) = scene.lights[*light as usize].center() else { return };
-                (p, (p - x).normalize(), (p - x).length())
-            }
-            Tip::Infinity(w) => (x, *w, f64::INFINITY),
-        };
-        // On ż - ẋ, and apart from each other.
-        let mut between = Covector::default();
-        let mut near = Covector::default();
-        between.add(w, value * (-2.0 / d));
-        // How the direction turns is across/d of ż - ẋ.
+    /// What scattering toward w asks of how w turns; what it asks of the vertex is added to it.
+    fn scattered(&mut self, scene: &Scene, w: DVec3, value: Rgb) -> Covector {
         let mut turning = Covector::default();
         match self.place {
             Place::Surface(hit) => {
@@ -375,6 +432,37 @@ impl<'a> Vertex<'a> {
                 self.turn.add(w, value * (-df / f));
             }
         }
+        turning
+    }
+
+    /// A connection to a beam.
+    fn leave_by<S: Sink>(&mut self, cx: &mut Chained<S>, way: &Way, value: Rgb, pieces: &[Piece]) {
+        let turning = self.scattered(cx.scene, -way.w, value);
+        let connection = Connection { way, x: self.p(), value, turning, pieces };
+        connection.partials(cx, &mut self.at);
+    }
+
+    /// `first`: this vertex as the path's first, if it is that.
+    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: Leg, first: Option<&First>) {
+        let (x, value, scene) = (self.p(), leg.value, cx.scene);
+        if let Tip::Beam(way) = leg.tip {
+            return self.leave_by(cx, &scene.beams.ways[way as usize], value, &leg.pieces);
+        }
+        let (p, w, d) = match &leg.tip {
+            Tip::Surface { p, .. } | Tip::Medium { p, .. } => (*p, (*p - x).normalize(), (*p - x).length()),
+            Tip::Point(light) => {
+                let Some(p) = scene.lights[*light as usize].center() else { return };
+                (p, (p - x).normalize(), (p - x).length())
+            }
+            Tip::Infinity(w) => (x, *w, f64::INFINITY),
+            Tip::Beam(_) => return,
+        };
+        // On ż - ẋ, and apart from each other.
+        let mut between = Covector::default();
+        let mut near = Covector::default();
+        between.add(w, value * (-2.0 / d));
+        // How the direction turns is across/d of ż - ẋ.
+        let mut turning = self.scattered(scene, w, value);
         match &leg.tip {
             Tip::Surface { n, .. } => turning.add(*n, value * (1.0 / n.dot(w))),
             Tip::Medium { turned, .. } => turning += *turned,
@@ -386,7 +474,7 @@ impl<'a> Vertex<'a> {
                     }
                 }
             }
-            Tip::Infinity(_) => {}
+            Tip::Infinity(_) | Tip::Beam(_) => {}
         }
         // Held to its direction, a point scores less by that share.
         let attached = match (&leg.tip, first) {
@@ -408,6 +496,16 @@ impl<'a> Vertex<'a> {
                     // The border's point keeps to it.
                     let along = form.dot(w) * (1.0 / n.dot(w));
                     form.add(n, -along);
+                }
+                if let (Stop::Opaque { shape, face, n }, Tip::Infinity(_)) = (stop, &leg.tip) {
+                    // Where the ray meets an interface it keeps to that, wherever it goes.
+                    let along = form.dot(w) * (1.0 / n.dot(w));
+                    form.add(n, -along);
+                    if cx.moving.moves(shape) {
+                        let mut own = Covector::default();
+                        own.add(n, along);
+                        scene.matter(shape, face).point(q, &own.weighed(-value), cx.sink);
+                    }
                 }
                 let f = if d < f64::INFINITY { ((q - x).dot(w) / d).clamp(0.0, 1.0) } else { 0.0 };
                 let form = form.weighed(-value);
@@ -453,7 +551,7 @@ impl<'a> Vertex<'a> {
             Tip::Point(light) if cx.moving.follows(*light) => {
                 Velocity::of(Source::Light(*light), p).apply(scene, cx.sensor, &far, cx.sink);
             }
-            Tip::Point(_) | Tip::Infinity(_) => {}
+            Tip::Point(_) | Tip::Infinity(_) | Tip::Beam(_) => {}
         }
     }
 
@@ -542,15 +640,5 @@ fn bend<S: Sink>(cx: &mut Chained<S>, shape: u32, p: DVec3, n: DVec3, turn: &Cov
 
 /// The same as a form on its velocity.
 fn bend_form(scene: &Scene, shape: u32, p: DVec3, n: DVec3, turn: &Covector) -> Covector {
-    match &scene.shapes[shape as usize].shape {
-        Shape::Sphere(s) => turn.across(n).scaled(n.dot(p - s.center).signum() / s.radius),
-        // Around the axis only.
-        Shape::Cylinder(s) => {
-            let around = s.axis.cross(n);
-            let mut form = Covector::default();
-            form.add(around, turn.dot(around) * (n.dot(s.from_axis(p)).signum() / s.radius));
-            form
-        }
-        _ => Covector::default(),
-    }
+    transposed(&scene.shapes[shape as usize].shape.curvature(p, n), turn)
 }

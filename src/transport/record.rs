@@ -4,9 +4,10 @@
 //! Memory is bounded: a path longer than `CHUNK` events keeps checkpoints, and the sweep regenerates one chunk at a time.
 
 use super::aim::Aim;
-use super::first::Opening;
+use super::first::{Leg, Opening};
+use super::ray::Specular;
 use super::sweep::Candidates;
-use super::walk::{Flight, State};
+use super::walk::{Flight, Stage, State};
 use crate::light::{Arrival, Emission};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
@@ -76,6 +77,8 @@ pub struct Prefix {
 pub enum End {
     /// A point of a shape's face, its geometric normal.
     Shape { shape: u32, face: u32, p: DVec3, n: DVec3 },
+    /// A way of a beam ([`crate::scene::beams`]).
+    Beam(u32),
     /// A light with a position and no extent; its own motion is [`Event::Aim`]'s.
     Point(u32),
     /// Nothing: this direction, unit, toward the light.
@@ -122,10 +125,12 @@ pub enum Event {
     Turn { medium: u32, one_minus_mu: f64 },
     /// A reflection: factor rho. `prefix.beta/r` before it, for the candidate at small rho.
     Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
+    /// A smooth surface turned the ray: factor F, or (1 - F) η².
+    Specular(Specular),
     /// Light met by the walk: `weight x emission` was added.
     Emit { weight: Rgb, emission: Emission, end: End },
-    /// Emission of the medium at a point of a span: `weight x via.sigma x L_e` was added, `emission` is L_e; own spans.
-    Glow { weight: Rgb, emission: Emission, via: Drawn, first_span: u32, spans: u32 },
+    /// Emission of the medium at a point of a span: `weight x via.sigma x radiance` was added, `radiance` is L_e; own spans.
+    Glow { weight: Rgb, radiance: Rgb, via: Drawn, first_span: u32, spans: u32 },
     /// A connection to a light: `weight x emission` was added; own spans, own phase, and for a point that the
     /// walk did not visit, its own sigma_s as a further factor.
     Connect {
@@ -201,6 +206,8 @@ pub struct PathRecord {
     pub chunk: usize,
     /// Lights that move, by their bits; 0 for the others.
     pub moving: Vec<u64>,
+    /// Legs of all chains so far ([`Opening`]).
+    pub legs: Vec<Leg>,
     opening: Opening,
     unused: Rng,
 }
@@ -214,16 +221,18 @@ impl PathRecord {
             candidates: None,
             chunk: CHUNK,
             moving: Vec::new(),
+            legs: Vec::new(),
             opening: Opening::default(),
             unused: Rng::keyed(0, 0, 0, 0),
         }
     }
 
-    /// Ready for a new path.
-    pub fn begin(&mut self, candidates: Option<Candidates>) {
+    /// Ready for a new path, or for a chunk that begins so.
+    pub fn begin(&mut self, candidates: Option<Candidates>, opening: Opening) {
         self.events.clear();
         self.side.clear();
-        self.opening = Opening::default();
+        self.legs.truncate(opening.legs[1] as usize);
+        self.opening = opening;
         self.candidates = candidates;
     }
 }
@@ -238,7 +247,7 @@ impl Recorder for PathRecord {
     const ON: bool = true;
 
     fn push(&mut self, e: Event) {
-        self.opening.follow(&e);
+        self.legs.extend(self.opening.follow(&e));
         self.events.push(e);
     }
 
@@ -259,7 +268,8 @@ impl Recorder for PathRecord {
     }
 
     fn checkpoint(&mut self, scene: &Scene, state: &State) -> bool {
-        if self.events.len() < self.chunk {
+        // A span and the collision that ends it stay together: where that is a leg's first vertex, the span moves with it.
+        if self.events.len() < self.chunk || matches!(state.stage, Stage::Medium) {
             return false;
         }
         let Some(candidates) = &mut self.candidates else { return true };

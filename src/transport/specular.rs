@@ -4,7 +4,9 @@
 //! rays are followed, at any later one, and on all other paths, one of them, by its share of the light. No connection crosses an interface: what lies behind is found by directions, whose
 //! weight against connections is then whole.
 
-use super::record::Recorder;
+use super::camera_line;
+use super::ray::Specular;
+use super::record::{Event, Recorder};
 use super::walk::{Flight, Stage, State, Walker};
 use crate::math::DVec3;
 use crate::scene::{Hit, On};
@@ -23,7 +25,7 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         return;
     }
     let shape = &w.scene.shapes[hit.shape as usize];
-    let rays = rays(&w.scene.surfaces[shape.surface as usize], hit, s.w);
+    let (n, rays) = rays(&w.scene.surfaces[shape.surface as usize], hit, s.w);
     let tolerance = w.scene.tolerance(hit.p);
     let first = s.direct && s.depth == 0;
     s.depth = k;
@@ -39,7 +41,8 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         }
         s.beta *= 1.0 / SURVIVE;
     }
-    let follow = |s: &mut State, r: &Ray, p: f64| {
+    // `waits`: its chain begins when its turn comes.
+    let mut follow = |s: &mut State, r: &Ray, p: f64, waits: bool| {
         // Where faces coincide: what it has just left stays behind one that goes through, may be met again by one that is mirrored outside, and is out of
         // reach of one that is mirrored inside.
         s.on = match (r.through, s.w.dot(hit.n) > 0.0) {
@@ -50,6 +53,15 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         if r.through {
             s.medium = shape.medium_behind(s.w, hit.n, s.medium);
         }
+        if R::ON {
+            let event = Event::Specular(Specular { hit: *hit, n, w: s.w, out: r.w, through: r.through });
+            if s.direct {
+                camera_line::lengthen(s, std::iter::once(event));
+            }
+            if !waits {
+                w.rec.push(event);
+            }
+        }
         s.beta *= r.weight / p;
         s.start *= r.weight.max() / p;
         s.w = r.w;
@@ -58,25 +70,29 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
     };
     match rays {
         [None, None] => s.stage = Stage::Done,
-        [Some(r), None] | [None, Some(r)] => follow(s, &r, 1.0),
+        [Some(r), None] | [None, Some(r)] => follow(s, &r, 1.0, false),
         [Some(mirrored), Some(refracted)] if first => {
             let mut other = State { pending: s.pending.take(), ..s.clone() };
-            follow(&mut other, &mirrored, 1.0);
-            follow(s, &refracted, 1.0);
+            follow(&mut other, &mirrored, 1.0, true);
+            follow(s, &refracted, 1.0, false);
             s.pending = Some(Box::new(other));
         }
         [Some(mirrored), Some(refracted)] => {
             let f = mirrored.weight.mean();
-            if s.rng.uniform() < f { follow(s, &mirrored, f) } else { follow(s, &refracted, 1.0 - f) }
+            if s.rng.uniform() < f {
+                follow(s, &mirrored, f, false);
+            } else {
+                follow(s, &refracted, 1.0 - f, false);
+            }
         }
     }
 }
 
-/// By the shading normal; by the geometric one where that would send rays to the wrong side.
-fn rays(surface: &Surface, hit: &Hit, w: DVec3) -> [Option<Ray>; 2] {
+/// By the shading normal; by the geometric one where that would send rays to the wrong side. With the normal.
+fn rays(surface: &Surface, hit: &Hit, w: DVec3) -> (DVec3, [Option<Ray>; 2]) {
     let rays = surface.rays(hit.ns, w);
     let came = hit.n.dot(w);
     let right = |r: &Ray| (hit.n.dot(r.w) * came > 0.0) == r.through;
     let both = hit.ns.dot(w) * came > 0.0 && rays.iter().flatten().all(right);
-    if both { rays } else { surface.rays(hit.n, w) }
+    if both { (hit.ns, rays) } else { (hit.n, surface.rays(hit.n, w)) }
 }

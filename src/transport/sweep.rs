@@ -14,7 +14,7 @@
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
 use super::border::{Borders, Place};
-use super::chained::Starts;
+use super::chained::{Start, Starts};
 use super::first::Opening;
 use super::motion::{Chain, Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
@@ -82,9 +82,9 @@ pub struct SweepFacts {
 struct MediumFacts {
     source: bool,
     extinction: bool,
-    g: bool,
-    /// Voxels of its emission.
+    /// What it emits: numbers of its own, voxels, motion.
     glow: bool,
+    g: bool,
     kappa: f64,
     /// Gray media take the walked length, chromatic ones weigh the channels.
     model: Medium,
@@ -99,8 +99,8 @@ impl SweepFacts {
             .map(|m| MediumFacts {
                 source: m.source_active(params),
                 extinction: m.extinction_active(params),
+                glow: m.emission.as_ref().is_some_and(|e| e.active(params)),
                 g: m.g_active(params),
-                glow: m.glow_voxels_active(params),
                 kappa: m.kappa,
                 model: m.clone(),
             })
@@ -266,7 +266,7 @@ impl Sweep<'_> {
         rec.chunk_starts.clear();
         rec.moving.clone_from(&self.facts.lights);
         state.aside = state.rng.beside(derivative.next_u64());
-        rec.begin(Some(Candidates::new(&self.facts, derivative)));
+        rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
         let first = state.clone();
         let mut w = Walker::new(self.scene, self.set, rec);
         let s = camera_line::start(&mut w, state);
@@ -282,7 +282,8 @@ impl Sweep<'_> {
         let mut after = self.backward(rec, open, Rgb::ZERO, &mut chain, sink);
         let starts = std::mem::take(&mut rec.chunk_starts);
         for k in (0..starts.len()).rev() {
-            rec.begin(None);
+            let open = if k == 0 { Opening::default() } else { starts[k - 1].1 };
+            rec.begin(None, open);
             let mut w = Walker::new(self.scene, self.set, rec);
             if k == 0 {
                 let s = camera_line::start(&mut w, first.clone());
@@ -290,7 +291,6 @@ impl Sweep<'_> {
             } else {
                 w.run(starts[k - 1].0.clone());
             }
-            let open = if k == 0 { Opening::default() } else { starts[k - 1].1 };
             after = self.backward(rec, open, after, &mut chain, sink);
         }
         rec.chunk_starts = starts;
@@ -306,12 +306,12 @@ impl Sweep<'_> {
         chain: &mut Chain,
         sink: &mut impl Sink,
     ) -> Rgb {
-        let mut starts = Starts::new(self.scene, &self.facts.moving, &rec.events, open);
+        let mut starts = Starts::new(self.scene, &self.facts.moving, rec, open);
         for (k, e) in rec.events.iter().enumerate().rev() {
             if let Some(start) = starts.at(k) {
                 let moving = &self.facts.moving;
-                let mut cx =
-                    Chained { scene: self.scene, sensor: self.sensor, moving, first: &start.first, after: false, sink };
+                let Start { first, ray, .. } = start;
+                let mut cx = Chained { scene: self.scene, sensor: self.sensor, moving, ray, first, after: false, sink };
                 start.event(&mut cx, chain, rec, k, after);
             }
             after = self.event(rec, e, after, sink);
@@ -323,7 +323,7 @@ impl Sweep<'_> {
     fn event(&self, rec: &PathRecord, e: &Event, mut after: Rgb, sink: &mut impl Sink) -> Rgb {
         match e {
             Event::Chain => after = Rgb::ZERO,
-            Event::Candidate { .. } => {}
+            Event::Candidate { .. } | Event::Specular(_) => {}
             Event::Ends { span, start, end, depth } => self.glow_at_ends(span, [*start, *end], *depth, sink),
             Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
             Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
@@ -342,19 +342,18 @@ impl Sweep<'_> {
                 self.emission(*weight, emission, sink);
                 after += *weight * emission.color();
             }
-            Event::Glow { weight, emission, via, first_span, spans } => {
-                self.emission(*weight * via.sigma, emission, sink);
-                let m = &self.scene.media[via.medium as usize];
-                if self.facts.media[via.medium as usize].glow {
-                    m.emission_partials(self.params, via.p, *weight * via.sigma, |slot, d| sink.add(slot, d));
-                }
-                let l = *weight * emission.color();
+            Event::Glow { weight, radiance, via, first_span, spans } => {
+                let l = *weight * *radiance;
                 let value = l * via.sigma;
                 for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
                     self.transmittance(span, value, sink);
                 }
-                // Drawn without regard to sigma_a: nothing to divide by.
-                if self.facts.media[via.medium as usize].source {
+                // Drawn without regard to sigma_a and L_e: nothing to divide by.
+                let (m, facts) = (&self.scene.media[via.medium as usize], &self.facts.media[via.medium as usize]);
+                if let Some(e) = m.emission.as_ref().filter(|_| facts.glow) {
+                    e.partials(self.params, via.p, *weight * via.sigma, sink);
+                }
+                if facts.source {
                     m.sigma_a_partials(self.params, via.p, |slot, d| sink.add(slot, d * l));
                 }
                 after += value;

@@ -14,6 +14,12 @@ pub enum Source {
     Light(u32),
     /// As part of its film point's ray.
     Camera,
+    /// Along x, with a slot that is no motion: an index of refraction.
+    Value(Slot),
+    /// A vector in three slots.
+    Vector(Slot),
+    /// Of the vertex at hand, which is not known yet.
+    Here,
 }
 
 impl Source {
@@ -32,6 +38,9 @@ fn point(scene: &Scene, sensor: &Sensor, source: Source, p: DVec3, c: &Covector,
             (0..3).for_each(|i| sink.add(first + i as Slot, c.0[i]));
         }
         Source::Camera => sensor.point(p, c, sink),
+        Source::Value(slot) => sink.add(slot, c.0[0]),
+        Source::Vector(slot) => (0..3).for_each(|i| sink.add(slot + i as Slot, c.0[i])),
+        Source::Here => {}
     }
 }
 
@@ -54,6 +63,11 @@ impl Velocity {
         Velocity(vec![(source, p, DMat3::IDENTITY)])
     }
 
+    /// What goes with a slot, `ẋ = ṡ v`.
+    pub fn value(slot: Slot, v: DVec3) -> Velocity {
+        Velocity(vec![(Source::Value(slot), DVec3::ZERO, DMat3::from_cols(v, DVec3::ZERO, DVec3::ZERO))])
+    }
+
     pub fn is_zero(&self) -> bool {
         self.0.is_empty()
     }
@@ -70,13 +84,51 @@ impl Velocity {
         if w != 0.0 {
             self.0.extend(other.0.iter().map(|&(s, p, m)| (s, p, m * w)));
         }
+        self.compact();
         self
+    }
+
+    /// The same with at most four points a source. All motions are affine: `Σ M v(p) = (Σ M) v(o) + Σ_j (Σ M (p-o)_j) (v(o+e_j) - v(o))`. Otherwise rays that go
+    /// by many interfaces would ask the same sources at ever more points.
+    fn compact(&mut self) {
+        const LONG: usize = 16;
+        if self.0.len() <= LONG {
+            return;
+        }
+        let mut list: Vec<(Source, DVec3, [DMat3; 4])> = Vec::new();
+        for &(s, p, m) in &self.0 {
+            let k = list.iter().position(|x| x.0 == s).unwrap_or(list.len());
+            if k == list.len() {
+                list.push((s, p, [DMat3::ZERO; 4]));
+            }
+            let (_, o, sums) = &mut list[k];
+            let off = (p - *o).to_array();
+            (0..3).for_each(|j| sums[1 + j] += m * off[j]);
+            sums[0] += m;
+        }
+        self.0.clear();
+        for (s, o, [whole, x, y, z]) in list {
+            self.0.push((s, o, whole - x - y - z));
+            for (e, m) in [(DVec3::X, x), (DVec3::Y, y), (DVec3::Z, z)] {
+                if m != DMat3::ZERO {
+                    self.0.push((s, o + e, m));
+                }
+            }
+        }
     }
 
     /// The partials of `<c, ẋ>`.
     pub fn apply(&self, scene: &Scene, sensor: &Sensor, c: &Covector, sink: &mut impl Sink) {
         for (source, p, m) in &self.0 {
             point(scene, sensor, *source, *p, &transposed(m, c), sink);
+        }
+    }
+
+    /// The same; what it asks of the vertex at hand is added to `at`.
+    pub fn settle(&self, scene: &Scene, sensor: &Sensor, c: &Covector, at: &mut Covector, sink: &mut impl Sink) {
+        self.apply(scene, sensor, c, sink);
+        for (_, _, m) in self.0.iter().filter(|x| x.0 == Source::Here) {
+            *at += transposed(m, c);
         }
     }
 
@@ -88,6 +140,9 @@ impl Velocity {
                 Source::Shape { shape, face } => scene.matter(*shape, *face).forms(*p, c, &mut out),
                 Source::Light(k) => out(Partial { slot: scene.lights[*k as usize].place.position, v: c, len: 3 }),
                 Source::Camera => sensor.forms(*p, c).into_iter().for_each(&mut out),
+                Source::Value(slot) => out(Partial { slot: *slot, v: c, len: 1 }),
+                Source::Vector(slot) => out(Partial { slot: *slot, v: c, len: 3 }),
+                Source::Here => {}
             }
         }
     }

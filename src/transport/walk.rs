@@ -10,10 +10,10 @@
 
 use super::record::{Drawn, End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
-use super::{beside, camera_line, connect, light_centred, specular};
+use super::{beam, beside, camera_line, connect, light_centred, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
-use crate::medium::{Medium, NO_SLOT, Volume};
+use crate::medium::Medium;
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::surface::Surface;
 use std::sync::Arc;
@@ -68,8 +68,8 @@ pub struct State {
     pub unit_reflectance: bool,
     /// The second chain: the unscattered part of the camera line.
     pub pending: Option<Box<State>>,
-    /// Spans of the camera line up to here, for the records of all chains that begin with them.
-    pub lead: Option<Arc<[MediumSpan]>>,
+    /// Spans of the camera line up to here, and what turned it, for the records of all chains that begin with them.
+    pub lead: Option<Arc<[Event]>>,
     /// Nothing but smooth interfaces has turned it since the camera.
     pub direct: bool,
     /// Of these the last ones.
@@ -214,8 +214,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
         };
         let medium = &scene.media[id as usize];
         let connects = R::CONNECTS && scene.has_local_lights() && self.may_scatter(s.depth + 1);
-        if !medium.is_homogeneous() || connects {
-            // The whole span is needed: for the grid's traversal, or for the equi-angular connection.
+        if !medium.is_homogeneous() || connects || s.in_a_row > 0 {
+            // The whole span is needed: for the grid's traversal, for the equi-angular connection, or for how points behind an interface move.
             let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
             let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());
@@ -307,12 +307,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
         let medium = &self.scene.media[span.medium as usize];
         let p = span.o + span.w * t;
-        let Some((sigma_a, color)) = medium.glow(p) else { return };
-        let constant = matches!(medium.emission, Some(Volume::Constant(_)));
-        let (first, unit, value) =
-            if constant { (medium.slots.emission, Rgb::ONE, color) } else { (NO_SLOT, color, Rgb::ONE) };
-        let emission = crate::light::Emission { first, per_channel: true, unit, value };
-        let value = weight * sigma_a * emission.color();
+        let Some((sigma_a, radiance)) = medium.glow(p) else { return };
+        let value = weight * sigma_a * radiance;
         self.value += value;
         self.rec.score(order, value);
         if R::ON {
@@ -321,7 +317,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             self.rec.side_span(span.until(t));
             let spans = self.rec.side_len() - first_span;
             let via = Drawn { medium: span.medium, p, sigma: sigma_a, span, lead: spans };
-            self.rec.push(Event::Glow { weight, emission, via, first_span, spans });
+            self.rec.push(Event::Glow { weight, radiance, via, first_span, spans });
         }
     }
 
@@ -365,6 +361,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
         if R::CONNECTS {
             connect::from_medium(self, s, id);
+            beam::connect(self, s, beam::Vertex::Medium(id));
         }
         s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);
         self.turn(s, id);
@@ -452,6 +449,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let vertex = light_centred::Vertex::Surface(surface, hit.ns, wi);
         if R::CONNECTS {
             connect::from_surface(self, s, surface, hit.ns, wi);
+            beam::connect(self, s, beam::Vertex::Surface(surface, hit.ns, wi));
             light_centred::connect(self, s, &vertex);
         }
         beside::score(self, s, &vertex);

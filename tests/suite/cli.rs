@@ -542,3 +542,31 @@ fn logs_go_where_they_should() {
     let r = b.expect(0, "render fog.xml -v --spp 2 --overwrite");
     assert!(r.stderr.contains("loaded fog.xml"));
 }
+
+/// Broken voxels: refused with the remedy, or repaired, told of on stderr and counted in the report.
+#[test]
+fn broken_voxels_are_refused_or_repaired() {
+    let b = Bench::new();
+    let vol = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bad_plugins/files/nan.vol");
+    let medium = r#"<medium type="homogeneous" id="fog"><float name="sigma_t" value="$sigma_t"/>"#;
+    let grid = format!(
+        r#"<medium type="heterogeneous" id="fog"><float name="scale" value="$sigma_t"/>
+    <volume name="sigma_t" type="gridvolume"><string name="filename" value="{}"/></volume>"#,
+        vol.display()
+    );
+    assert!(SCENE.contains(medium));
+    fs::write(b.path("broken.xml"), SCENE.replace(medium, &grid)).unwrap();
+    let r = b.expect(2, "render broken.xml -o a.exr");
+    assert!(
+        r.stderr.contains("nan.vol: voxel [1, 0, 0] is NaN") && r.stderr.contains("--repair-voxels"),
+        "{}",
+        r.stderr
+    );
+    assert!(!b.path("a.exr").exists());
+    let r = b.expect(0, "render broken.xml --repair-voxels --spp 4 -o a.exr");
+    assert!(r.stderr.contains("1 voxels were repaired and are 0 now: 1 NaN"), "{}", r.stderr);
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(b.path("a.json")).unwrap()).unwrap();
+    let told = report["warnings"].as_array().unwrap();
+    let repaired = told.iter().find(|w| w["kind"] == "repaired_voxels").unwrap();
+    assert!(repaired["what"].as_str().unwrap().contains("1 NaN"), "{report}");
+}

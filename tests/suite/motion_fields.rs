@@ -8,7 +8,7 @@ use tyndall::math::{DVec2, DVec3, Rgb};
 use tyndall::params::{Covector, Forward, ParamSet, Sink, Slot};
 use tyndall::scene::{On, Scene};
 use tyndall::shape::{Geometry, Shape};
-use tyndall::transport::first::{First, Second, Seen};
+use tyndall::transport::first::{First, Met, Seen};
 use tyndall::transport::motion::Moving;
 use tyndall::transport::record::MediumSpan;
 use tyndall::transport::velocity::{Rate, Source, Velocity};
@@ -192,7 +192,7 @@ fn second_vertices_that_keep_to_their_direction_take_what_is_near_along() {
         let Some(attached) = line.held(&first, [z.shape, z.face], z.p, z.n) else { continue };
         held += 1;
         let slide = first.ahead_of(&c.moving.field, &z).mapped(attached.map);
-        let first = line.then(first, &Second::Surface(z));
+        let first = line.then(first, &Met::Surface(z));
         // Off the ball at z: its matter, what the first vertex makes it do, and the slide.
         let own =
             Velocity::of(Source::at(&z), z.p).plus(1.0, &Moving::on_surface(&first, z.p, false).0).plus(1.0, &slide);

@@ -24,6 +24,10 @@
 #include <type_traits>
 #include <vector>
 
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
+
 namespace vdb = openvdb;
 
 namespace {
@@ -382,6 +386,10 @@ int tvdb_load(tvdb_file* f, size_t i, tvdb_grid** out, tvdb_info* info, char* er
 
 void tvdb_release(tvdb_grid* g) {
     guard(nullptr, 0, [&] { delete g; });
+#ifdef __GLIBC__
+    // Thousands of small blocks are free now: give their pages back, the bricks are about to be made.
+    malloc_trim(0);
+#endif
 }
 
 void tvdb_node_counts(const tvdb_grid* g, size_t* leaves, size_t* tiles) {

@@ -5,6 +5,7 @@ use crate::cli::format;
 use serde::Serialize;
 use std::path::Path;
 use tyndall::error::Result;
+use tyndall::native::vdb::Select;
 use tyndall::render::plan::Plan;
 use tyndall::render::report::WarningReport;
 use tyndall::scene::compile::LoadOptions;
@@ -157,7 +158,9 @@ fn place(what: Movable, parts: &Parts<f64>) -> String {
         Movable::LightDirection(i) => format!("direction of {}", parts.lights[i].name),
         Movable::LightProfile(i) => format!("profile of {}", parts.lights[i].name),
         Movable::Environment(i) => format!("turn of {}", parts.lights[i].name),
-        Movable::Density(i) | Movable::Volume(i) => format!("place of the volume in {}", parts.media[i].name),
+        Movable::Density(i) | Movable::Glow(i) | Movable::Albedo(i) => {
+            format!("place of the volume in {}", parts.media[i].name)
+        }
         Movable::Sensor(i) => format!("view of {}", parts.sensors[i].name),
     }
 }
@@ -197,14 +200,29 @@ fn volume(v: &VolumePart<f64>) -> String {
     match v {
         VolumePart::Constant(c) => color(c),
         VolumePart::Vol { path, .. } => path.display().to_string(),
-        VolumePart::Vdb { path, grid, .. } => format!("grid `{grid}` of {}", path.display()),
+        VolumePart::Vdb { file, .. } => {
+            let grid = match &file.select {
+                Select::Name(name) => format!("`{name}`"),
+                Select::Index(i) => format!("number {i}"),
+                Select::NameIndex(name, i) => format!("`{name}` number {i}"),
+            };
+            format!("grid {grid} of {}{}", file.path.display(), if file.fog { ", as fog" } else { "" })
+        }
     }
 }
 
 fn medium_text(m: &tyndall::scene::parts::MediumPart<f64>) -> String {
     let phase = m.g.map_or("isotropic".into(), |g| format!("hg, g {}", number(g)));
     let (density, albedo) = (volume(&m.density), volume(&m.albedo));
-    let emission = m.emission.as_ref().map_or(String::new(), |e| format!(", emission {}", volume(e)));
+    let emission = m.emission.as_ref().map_or(String::new(), |e| {
+        let (v, scale) = (volume(&e.volume), number(e.scale));
+        match e.heat {
+            None => format!(", emission {v} x {scale}"),
+            Some([f, offset]) => {
+                format!(", black bodies of ({v} - {}) x {} K, x {scale}", number(offset), number(f))
+            }
+        }
+    });
     format!("sigma_t {density} x {}, albedo {albedo}, {phase}{emission}", number(m.scale))
 }
 
@@ -213,6 +231,8 @@ fn light(l: &tyndall::scene::parts::LightPart<f64>) -> String {
         LightKindPart::Point { .. } => "point, intensity",
         LightKindPart::Spot { .. } => "spot, intensity",
         LightKindPart::Directional { .. } => "directional, irradiance",
+        LightKindPart::Beam { gaussian: true, .. } => "collimated, gaussian, irradiance",
+        LightKindPart::Beam { gaussian: false, .. } => "collimated, hard, irradiance",
         LightKindPart::Area { .. } => "area, radiance",
         LightKindPart::Constant => "constant, radiance",
         LightKindPart::Envmap { path, .. } => {

@@ -149,11 +149,10 @@ fn active(g: &VdbGrid) -> Vec<f32> {
 /// What `<volume type="openvdb">` does with the grid.
 fn judge(g: &VdbGrid, shadowed: bool) -> std::result::Result<String, String> {
     let i = &g.info;
-    if shadowed {
-        return Err(format!("an earlier grid is named `{}` too, and grid_name means the first", i.name));
-    }
-    if i.class == "level set" {
-        return Err("a level set holds distances, not densities: convert it to a fog volume".into());
+    // An earlier grid of this name is the one that the name alone means.
+    let name = if shadowed { format!("grid_index {}", i.index) } else { format!("grid_name \"{}\"", i.name) };
+    if i.class == "level set" && g.channels == 1 && i.background[0] > 0.0 && i.background[0].is_finite() {
+        return Ok(format!("{name}, level_set \"fog\" (0 on the surface, 1 deeper than {})", number(i.background[0])));
     }
     // Inactive values are interpolated too.
     let values = g.leaves.iter().flat_map(|l| &l.values).chain(g.tiles.iter().flat_map(|t| &t.value[..g.channels]));
@@ -166,7 +165,7 @@ fn judge(g: &VdbGrid, shadowed: bool) -> std::result::Result<String, String> {
     if background {
         return Err("the background is negative or not finite".into());
     }
-    let mut how = format!("grid_name \"{}\", {}", i.name, if g.channels == 3 { "rgb" } else { "gray" });
+    let mut how = format!("{name}, {}", if g.channels == 3 { "rgb" } else { "gray" });
     if g.leaves.is_empty() && g.tiles.is_empty() {
         how += ", empty";
     }

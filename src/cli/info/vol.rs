@@ -5,7 +5,7 @@ use crate::cli::format;
 use serde::Serialize;
 use std::path::Path;
 use tyndall::error::Result;
-use tyndall::medium::grid::vol::Vol;
+use tyndall::medium::grid::{Allowed, vol::Vol};
 
 #[derive(Serialize)]
 pub struct VolInfo {
@@ -24,7 +24,7 @@ pub struct VolInfo {
 impl VolInfo {
     pub fn read(path: &Path) -> Result<Self> {
         let vol = Vol::read(path)?;
-        let bad = vol.validate(true).err();
+        let bad = vol.validate(Allowed::NON_NEGATIVE).err();
         Ok(VolInfo {
             file: path.display().to_string(),
             resolution: vol.res,

@@ -6,6 +6,7 @@
 
 use super::Frame;
 use super::nodes::Layout;
+use super::values::Values;
 use std::collections::HashMap;
 
 /// Cells per axis of a brick.
@@ -38,7 +39,7 @@ pub(super) struct Bricks {
 
 impl Bricks {
     /// Copy every brick's nodes from the slots, or find that they are all equal.
-    pub(super) fn gather(frame: &Frame, layout: &Layout, values: &[f32]) -> Bricks {
+    pub(super) fn gather(frame: &Frame, layout: &Layout, mut values: impl Values) -> Bricks {
         let channels = frame.channels;
         let count = frame.dims.iter().product();
         let mut bricks = Bricks {
@@ -54,10 +55,11 @@ impl Bricks {
         for bx in 0..frame.dims[0] {
             for by in 0..frame.dims[1] {
                 for bz in 0..frame.dims[2] {
-                    let uniform = fill(frame, layout, values, [bx, by, bz], &mut scratch);
+                    let uniform = fill(frame, layout, &values, [bx, by, bz], &mut scratch);
                     bricks.push(channels, uniform, &scratch, &mut constants);
                 }
             }
+            values.done(bx);
         }
         bricks.nodes.shrink_to_fit();
         bricks
@@ -146,11 +148,11 @@ impl Bricks {
 }
 
 /// Write the nodes of one brick; `true` if all are equal, in which case only the first is sure to be written.
-fn fill(frame: &Frame, layout: &Layout, values: &[f32], brick: [usize; 3], out: &mut [f32]) -> bool {
+fn fill(frame: &Frame, layout: &Layout, values: &impl Values, brick: [usize; 3], out: &mut [f32]) -> bool {
     let channels = frame.channels;
     let ids = layout.brick(frame, brick);
     let value = |id: Option<u32>| match id {
-        Some(id) => &values[id as usize * channels..][..channels],
+        Some(id) => values.of(id, channels),
         None => &frame.background[..channels],
     };
     if let Some(id) = ids.uniform() {

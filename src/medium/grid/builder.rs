@@ -2,6 +2,7 @@
 
 use super::bricks::BRICK;
 use super::nodes::{BACKGROUND, LEAF, Layout, Stored};
+use super::values::Segments;
 use super::{Filter, Frame, Grid, Mask};
 use crate::math::{DAffine3, DMat3, DVec3};
 use std::sync::Arc;
@@ -23,6 +24,75 @@ pub struct GridSource {
     pub clip: Option<(DVec3, DVec3)>,
 }
 
+/// Which values a use of voxels allows, ends included. NaN and infinite ones no use allows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Allowed {
+    pub low: f32,
+    pub high: f32,
+}
+
+impl Allowed {
+    pub const FINITE: Allowed = Allowed { low: f32::MIN, high: f32::MAX };
+    /// Densities, light, temperatures.
+    pub const NON_NEGATIVE: Allowed = Allowed { low: 0.0, high: f32::MAX };
+    /// Albedos.
+    pub const SHARE: Allowed = Allowed { low: 0.0, high: 1.0 };
+
+    fn refuses(self, v: f32) -> bool {
+        !(self.low <= v && v <= self.high)
+    }
+
+    /// What is too large becomes the largest value allowed, all else that is not allowed 0 (infinite ones too).
+    pub fn repair(self, values: &mut [f32]) -> Repaired {
+        let mut n = Repaired::default();
+        for v in values.iter_mut().filter(|v| self.refuses(**v)) {
+            let (kind, new) = match *v {
+                x if x.is_nan() => (&mut n.nan, 0.0),
+                x if x.is_infinite() => (&mut n.infinite, 0.0),
+                x if x < self.low => (&mut n.negative, 0.0),
+                _ => (&mut n.large, self.high),
+            };
+            *kind += 1;
+            *v = new;
+        }
+        n
+    }
+}
+
+/// How many values of which kind were repaired.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Repaired {
+    pub nan: usize,
+    pub infinite: usize,
+    pub negative: usize,
+    /// Set to the largest value allowed.
+    pub large: usize,
+}
+
+impl Repaired {
+    pub fn total(self) -> usize {
+        self.nan + self.infinite + self.negative + self.large
+    }
+}
+
+impl std::ops::AddAssign for Repaired {
+    fn add_assign(&mut self, o: Repaired) {
+        self.nan += o.nan;
+        self.infinite += o.infinite;
+        self.negative += o.negative;
+        self.large += o.large;
+    }
+}
+
+impl std::fmt::Display for Repaired {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let kinds =
+            [(self.nan, "NaN"), (self.infinite, "infinite"), (self.negative, "negative"), (self.large, "too large")];
+        let kinds = kinds.iter().filter(|k| k.0 > 0).map(|(n, what)| format!("{n} {what}")).collect::<Vec<_>>();
+        write!(f, "{}", kinds.join(", "))
+    }
+}
+
 /// The first value that is not fit for use, and how many there are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BadVoxel {
@@ -37,21 +107,27 @@ impl std::fmt::Display for BadVoxel {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [x, y, z] = self.index;
         write!(f, "voxel [{x}, {y}, {z}] is {}", self.value)?;
-        if self.count > 1 { write!(f, ", and {} more are NaN, infinite or negative", self.count - 1) } else { Ok(()) }
+        if self.count > 1 { write!(f, ", and {} more cannot be used", self.count - 1) } else { Ok(()) }
     }
 }
 
-/// The first value, in slot order, that is not finite or (on request) is negative. `index` maps a slot to its node.
-pub(super) fn find_bad(
-    values: &[f32],
+/// The first value, in slot order, that is not allowed. `index` maps a slot to its node.
+pub(super) fn find_bad<'a>(
+    values: impl Iterator<Item = &'a [f32]>,
     channels: usize,
-    non_negative: bool,
+    allowed: Allowed,
     index: impl Fn(usize) -> [i32; 3],
 ) -> Result<(), BadVoxel> {
-    let bad = |v: &f32| !v.is_finite() || (non_negative && *v < 0.0);
-    let Some(first) = values.iter().position(bad) else { return Ok(()) };
-    let count = values.iter().filter(|v| bad(v)).count();
-    Err(BadVoxel { index: index(first / channels), channel: first % channels, value: values[first], count })
+    let (mut first, mut count, mut before) = (None, 0, 0);
+    for slice in values {
+        let bad = slice.iter().filter(|v| allowed.refuses(**v)).count();
+        if bad > 0 && first.is_none() {
+            first = slice.iter().position(|&v| allowed.refuses(v)).map(|i| (before + i, slice[i]));
+        }
+        (count, before) = (count + bad, before + slice.len());
+    }
+    let Some((first, value)) = first else { return Ok(()) };
+    Err(BadVoxel { index: index(first / channels), channel: first % channels, value, count })
 }
 
 /// Collects leaves and tiles. Slots are given in the order of the calls: 512 per leaf, 1 per tile.
@@ -59,7 +135,7 @@ pub(super) fn find_bad(
 pub struct GridBuilder {
     source: GridSource,
     blocks: Vec<Stored>,
-    values: Vec<f32>,
+    values: Segments,
     /// The first thing that went wrong.
     fault: Option<String>,
 }
@@ -70,7 +146,7 @@ impl GridBuilder {
             1 | 3 => None,
             n => Some(format!("a grid has 1 or 3 channels, not {n}")),
         };
-        GridBuilder { source, blocks: Vec::new(), values: Vec::new(), fault }
+        GridBuilder { source, blocks: Vec::new(), values: Segments::default(), fault }
     }
 
     /// 8^3 nodes, `values[((x << 6) | (y << 3) | z) * channels + c]`, the lowest at `origin` (multiples of 8).
@@ -115,7 +191,7 @@ impl GridBuilder {
                 rank: 0,
                 before: [0; 8],
             });
-            self.values.extend_from_slice(values);
+            self.values.push(values, self.source.channels);
         }
     }
 
@@ -123,13 +199,29 @@ impl GridBuilder {
         self.fault.get_or_insert(what);
     }
 
-    /// Report values that are not finite, or negative ones if they must not be.
-    pub fn validate(&self, non_negative: bool) -> Result<(), BadVoxel> {
-        find_bad(&self.values, self.source.channels, non_negative, |slot| {
+    /// Report values that are not allowed.
+    pub fn validate(&self, allowed: Allowed) -> Result<(), BadVoxel> {
+        find_bad(self.values.slices(), self.source.channels, allowed, |slot| {
             let Stored { base, origin, .. } = self.blocks[self.blocks.partition_point(|b| b.base as usize <= slot) - 1];
             let local = (slot - base as usize) as i32;
             [origin[0] + (local >> 6), origin[1] + (local >> 3 & 7), origin[2] + (local & 7)]
         })
+    }
+
+    /// The same with its values in segments of `2^shift` slots.
+    #[cfg(test)]
+    pub(super) fn in_segments(mut self, shift: u32) -> Self {
+        let mut values = Segments::of(shift);
+        self.values.slices().for_each(|s| values.push(s, self.source.channels));
+        self.values = values;
+        self
+    }
+
+    /// Make all values allowed ones.
+    pub fn repair(&mut self, allowed: Allowed) -> Repaired {
+        let mut n = Repaired::default();
+        self.values.slices_mut().for_each(|s| n += allowed.repair(s));
+        n
     }
 
     pub fn build(self) -> Result<Grid, String> {
@@ -192,7 +284,8 @@ impl GridBuilder {
         } else {
             ([0, 1, 2].map(|a| whole[a].0 as i32), [0, 1, 2].map(|a| whole[a].1.min(i64::from(i32::MAX)) as i32))
         };
-        let (mut stored, count) = (self.blocks, self.values.len() / channels);
+        let (mut stored, mut values) = (self.blocks, self.values);
+        stored.shrink_to_fit();
         let mut rank = 0;
         for s in &mut stored {
             (s.rank, rank) = (rank, rank + s.count());
@@ -200,11 +293,14 @@ impl GridBuilder {
             for (b, word) in s.before.iter_mut().zip(s.active) {
                 (*b, before) = (before, before + word.count_ones() as u16);
             }
+            // Bricks have an apron: nodes of a plane are read by the one before it, too, and by none behind.
+            let last = (i64::from(s.origin[0]) + i64::from(s.size) - 1 - i64::from(origin[0])) / BRICK as i64;
+            values.needed(s.base, if s.leaf { LEAF } else { 1 }, last.max(0) as usize);
         }
-        let layout = Layout::Sparse { blocks, stored, range, count };
+        let layout = Layout::Sparse { blocks, stored, range, count: values.len() / channels };
         let filter = Filter::Trilinear;
         let frame = Frame { channels, background, filter, world_from_index, index_from_world, origin, dims, clip };
-        Ok(Grid::assemble(frame, Arc::new(layout), &self.values))
+        Ok(Grid::assemble(frame, Arc::new(layout), values))
     }
 }
 

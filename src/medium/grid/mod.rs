@@ -18,18 +18,20 @@ mod nodes;
 #[cfg(test)]
 mod tests;
 mod traverse;
+mod values;
 pub mod vol;
 
 use crate::math::{DAffine3, DVec3, Rgb};
 use std::sync::Arc;
 
 pub use active::Mask;
-pub use builder::{BadVoxel, GridBuilder, GridSource};
+pub use builder::{Allowed, BadVoxel, GridBuilder, GridSource, Repaired};
 pub use nodes::NodeId;
 pub use traverse::{BrickRef, Span, SpanIter};
 
 use bricks::{BRICK, Bricks, ROW, SLAB, WINDOW};
 use nodes::Layout;
+use values::Values;
 
 /// How values are filled in between nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -85,7 +87,7 @@ impl Grid {
             dims: [0; 3],
             clip: None,
         };
-        Grid::assemble(frame, Arc::new(Layout::default()), &[])
+        Grid::assemble(frame, Arc::new(Layout::default()), &[][..])
     }
 
     /// A field that is 0 everywhere.
@@ -94,7 +96,7 @@ impl Grid {
     }
 
     /// Gather bricks from the values of all node slots, channels interleaved.
-    fn assemble(frame: Frame, layout: Arc<Layout>, values: &[f32]) -> Grid {
+    fn assemble(frame: Frame, layout: Arc<Layout>, values: impl Values) -> Grid {
         let origin = DVec3::from(frame.origin.map(f64::from));
         let mut table_from_world = frame.index_from_world;
         table_from_world.translation -= origin;

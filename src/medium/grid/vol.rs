@@ -4,7 +4,7 @@
 //! bounding box, then the values: x fastest, then y, then z, channels interleaved.
 
 use super::builder::find_bad;
-use super::{BadVoxel, Filter, Grid};
+use super::{Allowed, BadVoxel, Filter, Grid};
 use crate::error::{Error, Result};
 use crate::math::{DAffine3, DMat3, DVec3};
 use std::path::Path;
@@ -114,11 +114,11 @@ impl Vol {
         DAffine3 { matrix3: DMat3::from_diagonal(high - low), translation: low }
     }
 
-    /// Report values that are not finite, or negative ones if they must not be.
-    pub fn validate(&self, non_negative: bool) -> std::result::Result<(), BadVoxel> {
+    /// Report values that are not allowed.
+    pub fn validate(&self, allowed: Allowed) -> std::result::Result<(), BadVoxel> {
         let [nx, ny, _] = self.res;
         let index = |i: usize| [i % nx, i / nx % ny, i / nx / ny].map(|x| x as i32);
-        find_bad(&self.values, self.channels, non_negative, index)
+        find_bad(std::iter::once(&self.values[..]), self.channels, allowed, index)
     }
 
     /// The field: values at voxel centres of the unit cube, placed by `world_from_unit`, 0 outside.
@@ -176,8 +176,8 @@ mod tests {
     fn bad_voxels_are_counted() {
         let mut vol = sample();
         (vol.values[3 * 3 + 2], vol.values[20]) = (f32::INFINITY, -1.0);
-        let bad = vol.validate(true).unwrap_err();
+        let bad = vol.validate(Allowed::NON_NEGATIVE).unwrap_err();
         assert_eq!(bad, BadVoxel { index: [1, 1, 0], channel: 2, value: f32::INFINITY, count: 2 });
-        assert_eq!(vol.validate(false).unwrap_err().count, 1);
+        assert_eq!(vol.validate(Allowed::FINITE).unwrap_err().count, 1);
     }
 }

@@ -235,6 +235,24 @@ fn dense_arrays_are_read_as_mitsuba_reads_them() {
     assert!(Grid::from_dense(1, res, &values, placed, Filter::Trilinear).is_err());
 }
 
+/// Values are given back while bricks are made, and none too early: leaves across segments, apron and tiles included.
+#[test]
+fn segments_of_values_make_the_same_bricks() {
+    for channels in [1, 3] {
+        let (whole, _, builder) = sparse(3, channels, 0.125, transform());
+        for shift in [9, 10, 12] {
+            let parts = builder.clone().in_segments(shift).build().unwrap();
+            assert_eq!(parts.values(), whole.values(), "{channels} channels, 2^{shift} slots");
+            assert_eq!(parts.bricks.nodes_for_test(), whole.bricks.nodes_for_test());
+        }
+    }
+    let builder = sparse(3, 1, 0.125, transform()).2.in_segments(9);
+    assert_eq!(builder.validate(Allowed { low: 0.0, high: 0.5 }), {
+        let whole = sparse(3, 1, 0.125, transform()).2;
+        whole.validate(Allowed { low: 0.0, high: 0.5 })
+    });
+}
+
 #[test]
 fn faults_are_reported() {
     let source = |channels| GridSource {
@@ -266,8 +284,8 @@ fn faults_are_reported() {
     let mut leaf = [0.5; 1536];
     (leaf[(2 << 6 | 3 << 3 | 4) * 3 + 1], leaf[1500]) = (-2.0, f32::NAN);
     builder.leaf([8; 3], &leaf);
-    let bad = builder.validate(true).unwrap_err();
+    let bad = builder.validate(Allowed::NON_NEGATIVE).unwrap_err();
     assert_eq!(bad, BadVoxel { index: [10, 11, 12], channel: 1, value: -2.0, count: 2 });
-    let bad = builder.validate(false).unwrap_err();
+    let bad = builder.validate(Allowed::FINITE).unwrap_err();
     assert!(bad.value.is_nan() && bad.count == 1 && bad.index == [15, 14, 12]);
 }

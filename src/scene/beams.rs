@@ -1,0 +1,246 @@
+//! The ways of collimated beams: straight on, and by flat mirrors and interfaces.
+//!
+//! Parallel rays stay parallel at a plane, so that behind any sequence of planes a beam has one direction, and one share of the irradiance is left, with `(1 - F) cos θ_i / cos θ_t` at
+//! each passage and F at each reflection ([T] 6.2). Whether a point is reached by a way is asked backward: from the point against the direction through the way's planes to the beam's own plane.
+//! Ways whose planes no ray of the beam meets in that order are left out by clipping: a face seen along the beam is a polygon on the beam's plane.
+
+use super::{Instance, Scene};
+use crate::light::LightKind;
+use crate::math::fresnel::{self, Interface, conductor};
+use crate::math::{DVec2, DVec3, Rgb, V3, warp};
+use crate::shape::{Geometry, Shape};
+use crate::surface::Surface;
+
+/// A flat mirror or interface on a way.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    pub shape: u32,
+    pub face: u32,
+    /// On the face, and its unit normal on the front side.
+    pub p: DVec3,
+    pub n: DVec3,
+    /// Directions of the light before it and behind it.
+    pub before: DVec3,
+    pub behind: DVec3,
+    pub through: bool,
+}
+
+/// A way that light of a beam takes.
+#[derive(Clone, Debug)]
+pub struct Way {
+    pub light: u32,
+    pub steps: Vec<Step>,
+    /// Direction of the light at its end.
+    pub w: DVec3,
+    /// Irradiance across w over that across the beam.
+    pub gain: Rgb,
+}
+
+/// Planes on a way at most, ways of a beam at most, and the least share of light.
+const STEPS: usize = 12;
+const WAYS: usize = 1024;
+const GAIN: f64 = 1e-8;
+/// A Gaussian beam ends at so many radii: e^-72.
+const GAUSSIAN: f64 = 6.0;
+
+impl Way {
+    /// Where the line that reaches `x` comes from: points on the planes, from the last one to the first, and then on the beam's own.
+    pub fn trace(&self, scene: &Scene, x: DVec3, points: &mut Vec<DVec3>) -> Option<DVec3> {
+        points.clear();
+        let (mut p, mut w) = (x, self.w);
+        for s in self.steps.iter().rev() {
+            let t = (p - s.p).dot(s.n) / w.dot(s.n);
+            if t.is_nan() || t < 0.0 {
+                return None;
+            }
+            p -= w * t;
+            points.push(p);
+            w = s.before;
+        }
+        let LightKind::Beam { position, direction, .. } = scene.lights[self.light as usize].kind else { return None };
+        let t = (p - position).dot(direction);
+        (t >= 0.0).then(|| p - direction * t)
+    }
+}
+
+/// Shapes at whose faces beams are followed.
+pub fn is_flat(s: &Shape) -> bool {
+    matches!(s, Shape::Rectangle(_) | Shape::Disk(_) | Shape::Cube(_))
+}
+
+/// Corners of a flat face, in order; empty where it is no polygon.
+fn corners(s: &Shape, face: u32) -> Vec<DVec3> {
+    let unit = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+    match s {
+        Shape::Rectangle(_) | Shape::Cube(_) => unit.iter().map(|&(u, v)| s.position(face, DVec2::new(u, v))).collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// A convex polygon within another.
+fn clip(polygon: &[DVec2], by: &[DVec2]) -> Vec<DVec2> {
+    let cross = |a: DVec2, b: DVec2| a.perp_dot(b);
+    let turn = |p: &[DVec2]| (1..p.len().saturating_sub(1)).map(|i| cross(p[i] - p[0], p[i + 1] - p[0])).sum::<f64>();
+    let side = turn(by).signum();
+    let mut left = polygon.to_vec();
+    for i in 0..by.len() {
+        let (a, b) = (by[i], by[(i + 1) % by.len()]);
+        let inside = |p: DVec2| side * cross(b - a, p - a);
+        let mut next = Vec::new();
+        for k in 0..left.len() {
+            let (p, q) = (left[k], left[(k + 1) % left.len()]);
+            let (x, y) = (inside(p), inside(q));
+            if x >= 0.0 {
+                next.push(p);
+            }
+            if (x > 0.0 && y < 0.0) || (x < 0.0 && y > 0.0) {
+                next.push(p + (q - p) * (x / (x - y)));
+            }
+        }
+        left = next;
+    }
+    if turn(&left) == 0.0 { Vec::new() } else { left }
+}
+
+struct Search<'a> {
+    scene: &'a Scene,
+    position: DVec3,
+    frame: (DVec3, DVec3),
+    depth: usize,
+    found: Vec<Way>,
+    cut: bool,
+}
+
+impl Search<'_> {
+    /// `polygon`: where the beam crosses its own plane on this way; `inside`: closed shapes that it is in.
+    fn grow(&mut self, way: Way, polygon: &[DVec2], inside: &[u32]) {
+        if self.found.len() >= WAYS {
+            self.cut = true;
+            return;
+        }
+        let (steps, w) = (way.steps.len(), way.w);
+        if steps < self.depth {
+            for (id, s) in self.scene.shapes.iter().enumerate() {
+                let surface = &self.scene.surfaces[s.surface as usize];
+                if surface.is_smooth() && is_flat(&s.shape) {
+                    (0..s.shape.face_count()).for_each(|f| self.at(&way, id as u32, f, surface, polygon, inside));
+                }
+            }
+        } else if w != DVec3::ZERO && steps == STEPS {
+            self.cut = true;
+        }
+        self.found.push(way);
+    }
+
+    /// The beam meets a face.
+    fn at(&mut self, way: &Way, shape: u32, face: u32, surface: &Surface, polygon: &[DVec2], inside: &[u32]) {
+        let instance: &Instance = &self.scene.shapes[shape as usize];
+        if way.steps.last().is_some_and(|l| l.shape == shape && l.face == face) {
+            return;
+        }
+        let corners = corners(&instance.shape, face);
+        let p = corners.first().copied().unwrap_or_else(|| instance.shape.bounds().center());
+        let n = instance.shape.normal(face, p);
+        let came = n.dot(way.w);
+        let closed = instance.shape.is_closed();
+        if came == 0.0 || closed && inside.contains(&shape) != (came > 0.0) {
+            return;
+        }
+        let mut left = polygon.to_vec();
+        if !corners.is_empty() {
+            let mut points = Vec::new();
+            let ahead = |way: &Way, p: DVec3| way.steps.last().map(|s| (p - s.p).dot(s.n) * s.n.dot(way.w) > 0.0);
+            if corners.iter().all(|&c| ahead(way, c) == Some(false)) {
+                return;
+            }
+            let on_plane = |c: &DVec3, points: &mut Vec<DVec3>| {
+                // Corners behind a plane of the way are seen as if its line went on.
+                let (mut p, mut w) = (*c, way.w);
+                for s in way.steps.iter().rev() {
+                    p -= w * ((p - s.p).dot(s.n) / w.dot(s.n));
+                    w = s.before;
+                }
+                points.push(p);
+                let m = p - self.position;
+                DVec2::new(m.dot(self.frame.0), m.dot(self.frame.1))
+            };
+            let seen: Vec<DVec2> = corners.iter().map(|c| on_plane(c, &mut points)).collect();
+            left = clip(&left, &seen);
+            if left.is_empty() {
+                return;
+            }
+        }
+        for (ray, gain) in outgoing(surface, n, way.w) {
+            let gain = way.gain * gain;
+            if gain.max() < GAIN {
+                continue;
+            }
+            let step = Step { shape, face, p, n, before: way.w, behind: ray.w, through: ray.through };
+            let mut steps = way.steps.clone();
+            steps.push(step);
+            let mut inside = inside.to_vec();
+            if ray.through && closed {
+                if came < 0.0 { inside.push(shape) } else { inside.retain(|&s| s != shape) }
+            }
+            self.grow(Way { light: way.light, steps, w: ray.w, gain }, &left, &inside);
+        }
+    }
+}
+
+/// Directions behind a surface of normal n, and the irradiance across them over that of the beam that travels along w.
+fn outgoing(surface: &Surface, n: DVec3, w: DVec3) -> Vec<(crate::surface::Ray, Rgb)> {
+    let front = n.dot(w) < 0.0;
+    let c = n.dot(w).abs();
+    let mut list = Vec::new();
+    let mut add = |w: DVec3, through: bool, gain: Rgb| {
+        if !gain.is_zero() {
+            list.push((crate::surface::Ray { w, weight: gain, through }, gain));
+        }
+    };
+    match surface {
+        Surface::Dielectric { interior, exterior, .. } => {
+            let (n1, n2) = if front { (*exterior, *interior) } else { (*interior, *exterior) };
+            let i = Interface::new(c, n1, n2);
+            let f = i.reflectance();
+            add(fresnel::reflect(w, n), false, Rgb::splat(f));
+            let side = if front { n } else { -n };
+            if let (Some(t), Some(q)) = (i.refract(V3::constant(w), V3::constant(side)), i.cos_refracted()) {
+                add(t.value().normalize(), true, Rgb::splat((1.0 - f) * c / q));
+            }
+        }
+        Surface::Conductor { eta, k, two_sided, .. } if front || *two_sided => {
+            add(fresnel::reflect(w, n), false, Rgb::from_fn(|i| conductor(c, eta[i], k[i])));
+        }
+        _ => {}
+    }
+    list
+}
+
+/// The ways of all beams.
+#[derive(Clone, Debug, Default)]
+pub struct Beams {
+    pub ways: Vec<Way>,
+    /// Beams some of whose ways are left out, because they are too long or too many.
+    pub cut: Vec<u32>,
+}
+
+impl Scene {
+    /// List the ways of all beams; call when shapes, surfaces and lights are known.
+    pub fn prepare_beams(&mut self) {
+        let mut beams = Beams::default();
+        for (id, l) in self.lights.iter().enumerate() {
+            let LightKind::Beam { position, direction, radius, gaussian } = l.kind else { continue };
+            let size = radius * if gaussian { GAUSSIAN } else { 1.0 };
+            let square = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| DVec2::new(x, y) * size);
+            let depth = (self.settings.max_depth.saturating_sub(2) as usize).min(STEPS);
+            let frame = warp::frame(direction);
+            let mut search = Search { scene: self, position, frame, depth, found: Vec::new(), cut: false };
+            search.grow(Way { light: id as u32, steps: Vec::new(), w: direction, gain: Rgb::ONE }, &square, &[]);
+            if search.cut && self.settings.max_depth as usize > STEPS + 2 {
+                beams.cut.push(id as u32);
+            }
+            beams.ways.extend(search.found);
+        }
+        self.beams = beams;
+    }
+}

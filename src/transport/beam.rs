@@ -1,0 +1,138 @@
+//! Connections to collimated beams, straight and by way of flat mirrors and interfaces ([T] (30), 6.2): at every vertex, each way of each beam that reaches it. Nothing is drawn.
+
+use super::record::{End, Event, MediumSpan, Recorder};
+use super::transmit;
+use super::walk::{State, Walker};
+use crate::light::{Emission, LightKind, beam_profile};
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
+use crate::phase::one_minus_cos;
+use crate::scene::beams::Way;
+use crate::scene::{On, Scene};
+use crate::surface::Surface;
+
+/// What scatters toward the beam.
+#[derive(Clone, Copy)]
+pub enum Vertex<'a> {
+    Medium(u32),
+    /// Shading normal, and the direction that light is scattered to.
+    Surface(&'a Surface, DVec3, DVec3),
+}
+
+/// The emission that reaches `x` by the way, if its line is clear.
+pub fn emission(scene: &Scene, way: &Way, x: DVec3, points: &mut Vec<DVec3>) -> Option<Emission> {
+    let light = &scene.lights[way.light as usize];
+    let LightKind::Beam { position, radius, gaussian, .. } = light.kind else { return None };
+    let entry = way.trace(scene, x, points)?;
+    let e = beam_profile((entry - position).length(), radius, gaussian);
+    (e > 0.0).then(|| light.emission(way.gain * e))
+}
+
+/// Score what all beams bring to the vertex at `s.o`.
+pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
+    let scene = w.scene;
+    let mut points = Vec::new();
+    for (id, way) in scene.beams.ways.iter().enumerate() {
+        let order = s.depth + way.steps.len() as u32;
+        // The vertex counts already; every interface on the way is one more.
+        if order > s.depth && !w.may_scatter(order) {
+            continue;
+        }
+        let toward = -way.w;
+        let (f, phase) = match vertex {
+            Vertex::Medium(id) => {
+                let m = one_minus_cos(s.w, toward);
+                (scene.media[id as usize].phase.eval(m), Some((id, m)))
+            }
+            Vertex::Surface(surface, n, wi) => (surface.eval_unit(n, wi, toward), None),
+        };
+        if f <= 0.0 {
+            continue;
+        }
+        let Some(emission) = emission(scene, way, s.o, &mut points) else { continue };
+        let first = w.rec.side_len();
+        let Some(t) = clear(scene, way, &points, (s.o, s.on, s.medium), &mut s.rng, &mut |span| {
+            if R::ON {
+                w.rec.side_span(span);
+            }
+        }) else {
+            w.rec.side_truncate(first);
+            continue;
+        };
+        let weight = s.beta / s.r.mean() * t * f;
+        if order < w.set.min_order {
+            w.rec.side_truncate(first);
+            continue;
+        }
+        let value = weight * emission.color();
+        w.value += value;
+        w.rec.score(order, value);
+        if R::ON {
+            let (end, spans) = (End::Beam(id as u32), w.rec.side_len() - first);
+            w.rec.push(Event::Connect {
+                weight,
+                emission,
+                end,
+                first_span: first,
+                spans,
+                phase: [phase, None],
+                via: None,
+            });
+        }
+    }
+}
+
+/// Transmittance of the way back from a point, whose faces and medium are given; `None` where something else stands on it.
+pub fn clear(
+    scene: &Scene,
+    way: &Way,
+    points: &[DVec3],
+    (mut o, mut on, mut medium): (DVec3, On, Option<u32>),
+    rng: &mut Rng,
+    passed: &mut dyn FnMut(MediumSpan),
+) -> Option<Rgb> {
+    let LightKind::Beam { position, direction, .. } = scene.lights[way.light as usize].kind else { return None };
+    let (mut t, mut toward) = (Rgb::ONE, -way.w);
+    for k in 0..=points.len() {
+        let step = way.steps.len().checked_sub(k + 1).map(|i| &way.steps[i]);
+        let mut left = match step {
+            Some(_) => f64::INFINITY,
+            None => (o - position).dot(direction),
+        };
+        let hit = loop {
+            let hit = scene.intersect(o, toward, left, &on, medium);
+            let length = hit.as_ref().map_or(left, |h| h.t);
+            if let Some(id) = medium {
+                let span = MediumSpan::new(id, o, toward, length, &on, hit.as_ref());
+                t *= transmit::one_span(scene, &span, rng);
+                passed(span);
+                if t.is_zero() {
+                    return None;
+                }
+            }
+            let Some(h) = hit else { break None };
+            let shape = &scene.shapes[h.shape as usize];
+            if !scene.surfaces[shape.surface as usize].is_null() {
+                break Some(h);
+            }
+            medium = shape.medium_behind(toward, h.n, medium);
+            on = on.crossed(&h, scene.tolerance(h.p));
+            o = h.p;
+            left -= h.t;
+        };
+        let (step, h) = match (step, hit) {
+            (None, None) => return Some(t),
+            (Some(step), Some(h)) if (h.shape, h.face) == (step.shape, step.face) => (step, h),
+            _ => return None,
+        };
+        if step.through {
+            medium = scene.shapes[h.shape as usize].medium_behind(toward, h.n, medium);
+            on = on.crossed(&h, scene.tolerance(h.p));
+        } else {
+            on = if toward.dot(h.n) > 0.0 { On::inside(&h) } else { On::at(&h) };
+        }
+        o = h.p;
+        toward = -step.before;
+    }
+    None
+}

@@ -1,0 +1,146 @@
+//! How a connection to a collimated beam changes as its vertex, the beam, or the mirrors and interfaces on its way move ([T] 6.2, 6.3).
+//!
+//! The light's direction follows from the beam's and from the planes on the way, whatever the vertex does: ω̇ is carried from the beam to the vertex with (39), (41), and each plane's share
+//! of the irradiance scores (42). Backward, the line that leaves the vertex x against the light starts with ẋ and turns with -ω̇; it slides over the planes (13), its media
+//! score their optical depth, and where it comes from the beam its distance ρ from the axis changes by `<m, ẏ - ȯ - <y-o,d> ḋ>/ρ`, m across the axis.
+
+use super::first::FilmLine;
+use super::motion::{Chained, Moving};
+use super::piece::Piece;
+use super::ray::{MovingRay, Specular};
+use super::velocity::{Source, Velocity};
+use crate::light::{LightKind, beam_profile};
+use crate::math::{DMat3, DVec3, Rgb, gradient};
+use crate::params::{Covector, Partial, Sink, Slot};
+use crate::scene::Scene;
+use crate::scene::beams::{Step, Way};
+use crate::sensor::Sensor;
+
+/// What asks for the velocity of the vertex: filled with what the connection asks of it.
+pub struct Connection<'a> {
+    pub way: &'a Way,
+    pub x: DVec3,
+    pub value: Rgb,
+    /// On how the direction toward the light turns at x, by scattering there.
+    pub turning: Covector,
+    pub pieces: &'a [Piece],
+}
+
+impl Step {
+    /// As the light meets it at p.
+    fn specular(&self, scene: &Scene, p: DVec3) -> Specular {
+        let hit = scene.hit_at(p, self.shape, self.face);
+        Specular { hit, n: self.n, w: self.before, out: self.behind, through: self.through }
+    }
+}
+
+/// Directions of the light behind each step, in motion; the first is the beam's.
+fn turns(scene: &Scene, moving: &Moving, way: &Way, points: &[DVec3]) -> Vec<Velocity> {
+    let slot = scene.lights[way.light as usize].place.direction;
+    let mut list = vec![Velocity::of(Source::Vector(slot), DVec3::ZERO)];
+    for (s, &p) in way.steps.iter().zip(points.iter().rev()) {
+        let start = Velocity::default();
+        let ray = MovingRay::From { o: p, w: s.before, start, turn: list.last().cloned().unwrap_or_default() };
+        list.push(FilmLine { scene, moving, ray: &ray }.behind(&s.specular(scene, p)).turn(p, s.behind));
+    }
+    list
+}
+
+/// Back from a point in motion to the beam: calls `each` with every line and its direction, returns where the last one starts, and how that moves.
+fn back(
+    scene: &Scene,
+    moving: &Moving,
+    way: &Way,
+    points: &[DVec3],
+    turns: &[Velocity],
+    (x, start): (DVec3, Velocity),
+    mut each: impl FnMut(&FilmLine, DVec3),
+) -> (DVec3, Velocity) {
+    let turned = |k: usize| turns[k].mapped(-DMat3::IDENTITY);
+    let (mut o, mut w, mut start) = (x, -way.w, start);
+    for k in 0..=points.len() {
+        let left = points.len() - k;
+        let ray = MovingRay::From { o, w, start: start.clone(), turn: turned(left) };
+        let line = FilmLine { scene, moving, ray: &ray };
+        each(&line, w);
+        let Some(&p) = points.get(k) else { break };
+        let s = &way.steps[left - 1];
+        start = line.slide(&s.specular(scene, p), w);
+        (o, w) = (p, -s.before);
+    }
+    (o, start)
+}
+
+/// How the distance from the beam's axis of the line that reaches x by the way changes as x moves with `start`.
+pub fn distance_forms(
+    scene: &Scene,
+    sensor: &Sensor,
+    moving: &Moving,
+    way: &Way,
+    x: DVec3,
+    start: Velocity,
+    mut out: impl FnMut(Partial),
+) {
+    let mut points = Vec::new();
+    let light = &scene.lights[way.light as usize];
+    let (LightKind::Beam { position, direction, .. }, Some(entry)) = (&light.kind, way.trace(scene, x, &mut points))
+    else {
+        return;
+    };
+    let turns = turns(scene, moving, way, &points);
+    let (o, start) = back(scene, moving, way, &points, &turns, (x, start), |_, _| {});
+    let m = (entry - *position).normalize();
+    start.forms(scene, sensor, m, &mut out);
+    let along = (o - *position).dot(*direction);
+    for (slot, scale) in [(light.place.position, -1.0), (light.place.direction, -along)] {
+        out(Partial { slot, v: m * scale, len: 3 });
+    }
+}
+
+impl Connection<'_> {
+    /// Hands out its partials; what it asks of ẋ is added to `at`.
+    pub fn partials<S: Sink>(&self, cx: &mut Chained<S>, at: &mut Covector) {
+        let (scene, moving, way) = (cx.scene, cx.moving, self.way);
+        let light = &scene.lights[way.light as usize];
+        let LightKind::Beam { position, direction, radius, gaussian } = light.kind else { return };
+        let mut points = Vec::new();
+        let Some(entry) = way.trace(scene, self.x, &mut points) else { return };
+        let turns = turns(scene, moving, way, &points);
+        let mut apply = |v: &Velocity, form: &Covector, sink: &mut S| v.settle(scene, cx.sensor, form, at, sink);
+
+        // Toward the light is against its direction.
+        if let Some(last) = turns.last() {
+            apply(last, &self.turning.scaled(-1.0), cx.sink);
+        }
+        // Shares of the planes, as the light meets them.
+        for ((s, &p), turn) in way.steps.iter().zip(points.iter().rev()).zip(&turns) {
+            let ray = MovingRay::From { o: p, w: s.before, start: Velocity::default(), turn: turn.clone() };
+            let line = FilmLine { scene, moving, ray: &ray };
+            line.flux_partials(cx.sensor, &s.specular(scene, p), self.value, cx.sink);
+        }
+        // Back from the vertex.
+        let from = (self.x, Velocity::of(Source::Here, self.x));
+        let (o, start) = back(scene, moving, way, &points, &turns, from, |line, w| {
+            for piece in self.pieces.iter().filter(|p| p.w == w) {
+                for (velocity, form) in line.ends(piece).iter().zip(piece.depth_forms(scene)) {
+                    apply(velocity, &form.weighed(-self.value), cx.sink);
+                }
+            }
+        });
+        // Where it enters the beam.
+        let m = entry - position;
+        let rho = m.length();
+        let (e, [by_rho, by_radius]) = gradient([rho, radius], |[rho, r]| beam_profile(rho, r, gaussian));
+        if e > 0.0 && rho > 0.0 {
+            let mut form = Covector::default();
+            form.add(m / rho, self.value * (by_rho / e));
+            apply(&start, &form, cx.sink);
+            let place = light.place;
+            let along = (o - position).dot(direction);
+            for (slot, scale) in [(place.position, -1.0), (place.direction, -along)] {
+                (0..3).for_each(|k| cx.sink.add(slot + k as Slot, form.0[k] * scale));
+            }
+            cx.sink.add(place.radius, self.value * (by_radius / e));
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! What moves by way of smooth interfaces: indices, interfaces, cameras and beams, against [T] section 11 (D1, D2) and finite differences.
+
+use crate::common::{against_differences, check, derivatives, forward, job, params, scene};
+use std::sync::Arc;
+use tyndall::math::Rgb;
+use tyndall::math::rng::Rng;
+use tyndall::params::Forward;
+use tyndall::render::driver::{Job, Mode};
+use tyndall::render::plan::Plan;
+use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
+
+/// [T] D1 and D2: a beam and a camera ray through a plane interface, light that scatters once.
+fn beam(profile: &str, width: f64) -> String {
+    format!(
+        r#"<scene version="3.0.0"><default name="n" value="1.5"/><default name="bx" value="1.4"/><default name="cx" value="-0.4"/><default name="h" value="0"/>
+  <default name="w" value="{width}"/><default name="g" value="0.3"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <sensor type="orthographic"><transform name="to_world"><scale value="1e-9"/><lookat origin="0, 0.15, 2" target="0.35, 0.05, 1" up="0, 1, 0"/><translate x="$cx"/></transform>
+    <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.6"/><float name="albedo" value="0.8333333333333333"/><phase type="hg"><float name="g" value="$g"/></phase></medium>
+  <shape type="rectangle"><transform name="to_world"><scale value="1000"/><translate z="$h"/></transform>
+    <bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="fog"/></shape>
+  <emitter type="collimated"><transform name="to_world"><lookat origin="0, -0.05, 1.5" target="-0.45, 0, 0.5" up="0, 1, 0"/><translate x="$bx"/></transform>
+    <float name="radius" value="$w"/><string name="profile" value="{profile}"/><float name="irradiance" value="5"/></emitter></scene>"#
+    )
+}
+
+#[test]
+fn d1_gaussian_beam_through_a_plane() {
+    let names = ["n", "bx", "cx", "w", "h", "g"];
+    let truths =
+        [-0.00735093818301, -0.0180619940373, 0.0180619940373, 0.0454462080755, -0.00835238371546, -0.0126750893882];
+    let e = forward(&beam("gaussian", 0.25), &names, 1 << 20);
+    check("L", &e[0], 0.004461070059817, 0.005);
+    for ((e, name), truth) in e[1..].iter().zip(names).zip(truths) {
+        check(&format!("dL/d{name}"), e, truth, 0.01);
+    }
+}
+
+#[test]
+fn d2_hard_beam_through_a_plane() {
+    let text = beam("hard", 0.35);
+    let names = ["n", "bx", "cx", "h", "w"];
+    let truths = [-0.0314604028392, -0.0539499370253, 0.0539499370253, -0.0390818340275, 0.0861131441772];
+    let e = forward(&text, &names, 1 << 19);
+    check("L", &e[0], 0.02005692160479, 0.005);
+    for ((e, name), truth) in e[1..].iter().zip(names).zip(truths) {
+        // The film is not quite a point.
+        if e.error[0] > 1e-6 {
+            check(&format!("dL/d{name}"), e, truth, 0.005);
+        } else {
+            assert!((e.value[0] / truth - 1.0).abs() < 1e-6, "{name}: {} {truth}", e.value[0]);
+        }
+    }
+    // The edge has a room of its own, and nothing is right without it.
+    check("interior of dL/dn", &derivatives(&text, &["n"], &["interior"], 1 << 18)[0], -0.0349546684221, 0.005);
+    let edge = &derivatives(&text, &["n"], &["hard_profile"], 64)[0];
+    assert!((edge.value[0] / 0.00349426558293 - 1.0).abs() < 1e-6, "{}", edge.value[0]);
+    assert_eq!(derivatives(&text, &["bx"], &["interior"], 256)[0].value[0], 0.0);
+}
+
+/// A ball of glass and fog before an environment.
+const BALL: &str = r#"<scene version="3.0.0"><default name="ior" value="1.4"/><default name="x" value="0.1"/><default name="r" value="0.8"/><default name="cam" value="0.3"/><default name="yaw" value="0"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <sensor type="perspective"><float name="fov" value="32"/><transform name="to_world"><lookat origin="$cam, 0.4, 4" target="0, 0, 0" up="0, 1, 0"/><rotate y="1" angle="$yaw"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="1.5,2,1"/><float name="albedo" value="0.8"/><phase type="hg"><float name="g" value="0.4"/></phase></medium>
+  <shape type="sphere"><point name="center" value="$x, 0, 0"/><float name="radius" value="$r"/>
+    <bsdf type="dielectric"><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="fog"/></shape>
+  <emitter type="envmap"><string name="filename" value="FOLDER/scenes/fire/forest_sky.exr"/><float name="scale" value="0.3"/></emitter></scene>"#;
+
+fn ball() -> String {
+    BALL.replace("FOLDER", env!("CARGO_MANIFEST_DIR"))
+}
+
+#[test]
+fn a_ball_of_glass_and_fog_against_differences() {
+    let what = [("ior", 0.02), ("r", 0.02), ("cam", 0.02), ("yaw", 0.5)];
+    against_differences(&ball(), &what, &["all"], 1 << 14, 0.02);
+}
+
+/// Where indices agree the interface is not there, yet the index has a derivative.
+#[test]
+fn an_index_of_one_has_a_derivative() {
+    let text = ball().replace(r#"name="ior" value="1.4""#, r#"name="ior" value="1""#);
+    against_differences(&text, &[("ior", 0.01)], &["all"], 1 << 14, 0.02);
+}
+
+/// A beam by way of a mirror, in fog of several scatterings and colours.
+const MIRROR: &str = r#"<scene version="3.0.0"><default name="angle" value="40"/><default name="up" value="0"/><default name="bx" value="0.1"/><default name="k" value="2"/><default name="r" value="0.2"/>
+  <integrator type="volpath"><integer name="max_depth" value="5"/></integrator>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.4,0.6,0.3"/><float name="albedo" value="0.8"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
+  <sensor type="perspective"><float name="fov" value="30"/><ref id="fog"/><transform name="to_world"><lookat origin="0.3, 0.5, 4" target="0.3, 0.5, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="tent"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="40"/><rotate z="1" angle="$angle"/><translate y="$up"/></transform>
+    <bsdf type="conductor"><rgb name="eta" value="0.3,0.2,0.5"/><float name="k" value="$k"/></bsdf></shape>
+  <emitter type="collimated"><transform name="to_world"><rotate x="1" angle="90"/><translate x="$bx" y="3"/></transform>
+    <float name="radius" value="$r"/><string name="profile" value="gaussian"/><float name="irradiance" value="5"/></emitter></scene>"#;
+
+#[test]
+fn a_beam_by_way_of_a_mirror_against_differences() {
+    let what = [("angle", 1.0), ("up", 0.02), ("bx", 0.02), ("k", 0.05), ("r", 0.01)];
+    against_differences(MIRROR, &what, &["all"], 1 << 14, 0.02);
+}
+
+#[test]
+fn forward_dot_v_equals_reverse() {
+    for (text, names) in [
+        (ball(), vec!["ior", "x", "r", "cam", "yaw"]),
+        (MIRROR.into(), vec!["angle", "up", "bx", "k", "r"]),
+        (beam("hard", 0.35), vec!["n", "bx", "h", "w"]),
+    ] {
+        let (desc, sc) = scene(&text);
+        let p = params(&desc, &sc, &names);
+        let f = job(&sc, 32, 3, Mode::Forward(&p)).run(&|_| {}).unwrap();
+        let pixels = f.film.spec().pixels();
+        let v: Vec<Rgb> = (0..pixels).map(|i| Rgb::splat(0.1 + (i % 3) as f64)).collect();
+        let r = Job { split: false, ..job(&sc, 32, 3, Mode::Reverse(&p, &v)) }.run(&|_| {}).unwrap();
+        let gradient = p.pull_back(&r.gradient.unwrap().0);
+        for (k, name) in names.iter().enumerate() {
+            let dot: f64 = (0..pixels).map(|i| f.film.mean(k + 1, i).dot(v[i])).sum();
+            let scale: f64 = (0..pixels).map(|i| (f.film.mean(k + 1, i) * v[i]).abs().sum()).sum();
+            assert!(scale > 0.0 && (dot - gradient[k]).abs() <= 1e-9 * scale, "{name}: {dot} {}", gradient[k]);
+        }
+    }
+}
+
+/// Rays behind many interfaces are told again for every chunk of a long path.
+#[test]
+fn chunks_give_the_same_bits() {
+    let text = ball().replace(r#"name="max_depth" value="4""#, r#"name="max_depth" value="40""#);
+    let (desc, scene) = scene(&text);
+    let p = params(&desc, &scene, &["ior", "x", "cam"]);
+    let facts = Arc::new(SweepFacts::new(&scene, &scene.sensors[0], &p, &Arc::default()).unwrap());
+    let sweep = Sweep { scene: &scene, set: &scene.settings, params: &p, facts, sensor: &scene.sensors[0] };
+    let mut longest = 0;
+    for sample in 0..200 {
+        let run = |chunk: usize| {
+            let mut rec = PathRecord::new();
+            rec.chunk = chunk;
+            let (o, w) = scene.sensors[0].ray(3.0, 3.1);
+            let state = State::new(Rng::keyed(1, 1, 5, sample), o, w, None);
+            let mut sink = Forward::new(&p);
+            let mut tally = Tally::default();
+            let value = sweep.sample(state, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
+            (value, sink.image, rec.chunk_starts.len())
+        };
+        let (v, d, _) = run(usize::MAX);
+        for chunk in [8, 30] {
+            let (vc, dc, chunks) = run(chunk);
+            longest = longest.max(chunks);
+            assert_eq!(v, vc);
+            assert_eq!(d, dc, "sample {sample}, chunk {chunk}");
+        }
+    }
+    assert!(longest > 5, "paths are too short to test anything: {longest} chunks");
+}
+
+/// What jumps behind an interface is refused, with its name.
+#[test]
+fn outlines_by_way_of_glass_are_refused() {
+    let refused = |text: &str, name: &str, what: &str| {
+        let (desc, sc) = scene(text);
+        let plan = Plan::new(&desc, &[name.to_string()]).unwrap();
+        assert!(plan.refuse().is_err(), "plan lets `{name}` pass: {what}");
+        let p = sc.param_set(&desc, &[name.to_string()]).unwrap();
+        let error = job(&sc, 4, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains(what), "{name}: {error}");
+    };
+    let with = |more: &str| ball().replace("</scene>", &format!("{more}</scene>"));
+    let floor = r#"<shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/><translate y="-2"/></transform><bsdf type="diffuse"/></shape>"#;
+    refused(&with(floor), "ior", "floor");
+    refused(&with(floor), "cam", "floor");
+    let point = r#"<emitter type="point" id="lamp"><point name="position" value="0, 3, 0"/></emitter>"#;
+    refused(&with(point), "ior", "lamp");
+    let block = r#"<shape type="cube" id="block"><transform name="to_world"><translate x="3"/></transform><bsdf type="dielectric"/></shape>"#;
+    refused(&with(block), "ior", "block");
+    let plate = r#"<shape type="disk" id="plate"><transform name="to_world"><translate z="-2"/></transform><bsdf type="diffuse"/></shape>"#;
+    refused(&beam("hard", 0.3).replace("</scene>", &format!("{plate}</scene>")), "bx", "plate");
+}
