@@ -396,9 +396,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
     let through = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. });
     // The border of an open interface counts as out of sight (`term::interfaces`).
-    let edged = |k: &ShapeKind<f64>| {
-        !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Rectangle { .. } | ShapeKind::Disk { .. })
-    };
+    let edged = |k: &ShapeKind<f64>| !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Rectangle | ShapeKind::Disk);
     let outlined = |s: usize| opaque(s) && !smooth(s);
     let local = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Point { .. } | LightKindPart::Spot { .. });
     let distant = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Directional { .. });

@@ -51,9 +51,18 @@ pub(super) fn medium(parts: &Parts<f64>, name: &str, object: &str, quantity: Qua
         return Ok(index);
     }
     let what = quantity.name();
+    let other = match quantity {
+        Quantity::Glow => Quantity::Temperature,
+        Quantity::Temperature => Quantity::Glow,
+        q => q,
+    };
     let constant = format!("differentiate by a `$parameter` in place of the {what}");
     match volume(m, quantity) {
         Some(_) => fail(format!("the {what} of `{object}` is constant and has no grid"), constant),
+        None if volume(m, other).is_some_and(|v| v.to_world().is_some()) => {
+            let name = format!("{object}.{}.grid", other.name());
+            fail(format!("`{object}` has no {what}, but a grid of {}", other.name()), format!("give `--wrt {name}`"))
+        }
         None => fail(format!("`{object}` has no {what}"), ours()),
     }
 }

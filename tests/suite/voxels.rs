@@ -383,6 +383,89 @@ fn nothing_changes_an_isothermal_enclosure() {
     }
 }
 
+/// The room with a grid of emission or temperature, whose numbers are parameters.
+fn glowing(quantity: &str, depth: i32, lights: &str) -> String {
+    let numbers = ["emission_scale", "temperature_scale", "temperature_offset"].map(|n| {
+        let own = n == "emission_scale" || quantity == "temperature";
+        if own { format!(r#"<float name="{n}" value="${n}"/>"#) } else { String::new() }
+    });
+    let volumes = [DENSITY, ALBEDO, &GLOW.replace(r#"name="emission""#, &format!(r#"name="{quantity}""#))].concat();
+    let defaults = if quantity == "temperature" {
+        r#"<default name="emission_scale" value="0.002"/><default name="temperature_scale" value="1500"/><default name="temperature_offset" value="0.2"/><default name="g" "#
+    } else {
+        r#"<default name="emission_scale" value="0.7"/><default name="g" "#
+    };
+    room(&[volumes, numbers.concat()].concat(), depth, lights).replace(r#"<default name="g" "#, defaults)
+}
+
+/// `Σ L_k dL/dL_k = e dL/de` of emission grids, e being `emission_scale`, from the same samples.
+#[test]
+fn emission_scale_is_the_sum_over_voxels() {
+    for channels in [1, 3] {
+        let text = glowing("emission", 4, &[SUN, SKY].concat());
+        let mut file = grids(1);
+        file[2] = grid("glow", channels, &colors);
+        let (desc, mut sc, _dir) = scene_of(&text, &file);
+        let params = open(&desc, &mut sc, &[ALL[2], "emission_scale"]);
+        assert_eq!(params.arrays[0].shape, [(N * N * N) as usize, channels]);
+        let (g, _) = gradient(&sc, &params, &adjoint(30), 64, 3);
+        let values = raw(&desc, &sc, &params.arrays[0], &colors);
+        let products = g[params.arrays[0].range()].iter().zip(&values).map(|(g, v)| g * v);
+        let (sum, size) = products.fold((0.0, 0.0), |(s, a): (f64, f64), x| (s + x, a + x.abs()));
+        let by_scale = 0.7 * params.pull_back(&g)[0];
+        assert!(sum.abs() > 1e-3 * size && (sum - by_scale).abs() <= 1e-9 * size, "{channels}: {sum} {by_scale}");
+    }
+}
+
+fn temperatures(p: [i32; 3]) -> [f32; 3] {
+    [1.0 + 0.6 * noise(p, 8); 3]
+}
+
+/// Temperatures by voxel: `Σ T_k dL/dT_k = f dL/df - o dL/do` (scale f, offset o) from the same samples; and differences of pictures of the same random numbers.
+#[test]
+fn voxels_of_temperature() {
+    let name = "smoke.temperature.grid";
+    let file = |changed: Values| vec![grid("density", 1, &cloud), grid("albedo", 3, &colors), grid("glow", 1, changed)];
+    let text = glowing("temperature", 3, "");
+    let (desc, mut sc, _dir) = scene_of(&text, &file(&temperatures));
+    let params = open(&desc, &mut sc, &[name, "temperature_scale", "temperature_offset"]);
+    let v = adjoint(30);
+    let (g, _) = gradient(&sc, &params, &v, 128, 3);
+    let array = &params.arrays[0];
+    let values = raw(&desc, &sc, array, &temperatures);
+    let products = g[array.range()].iter().zip(&values).map(|(g, v)| g * v);
+    let (sum, size) = products.fold((0.0, 0.0), |(s, a): (f64, f64), x| (s + x, a + x.abs()));
+    let named = params.pull_back(&g);
+    let other = 1500.0 * named[0] - 0.2 * named[1];
+    assert!(sum.abs() > 1e-3 * size && (sum - other).abs() <= 1e-9 * size, "{sum} {other}");
+
+    // Temperatures change no path: differences from the same samples are as exact as their step is small.
+    let at = |voxel: [i32; 3], h: f32| {
+        let changed = |p: [i32; 3]| if p == voxel { temperatures(p).map(|t| t + h) } else { temperatures(p) };
+        let (desc, mut sc, _dir) = scene_of(&text, &file(&changed));
+        let params = open(&desc, &mut sc, &[name]);
+        let o = job(&sc, 128, 3, Mode::Reverse(&params, &v)).run(&|_| {}).unwrap();
+        (0..30).map(|i| o.film.mean(0, i).dot(v[i])).sum::<f64>()
+    };
+    let numbers: Vec<f64> = (0..array.range().len()).map(|k| k as f64).collect();
+    let places = by_place(&desc, &sc, array, &numbers);
+    let mut seen = 0;
+    for k in [3, 31, 62, 80, 117] {
+        let (voxel, slot) = &places[k];
+        let own = g[array.range().start + slot[0] as usize];
+        let (h, fd) = (0.01f32, at(*voxel, 0.01) - at(*voxel, -0.01));
+        let fd = fd / f64::from(2.0 * h);
+        println!("{voxel:?}: {own:.5e}, fd {fd:.5e}");
+        assert!((own - fd).abs() <= 2e-3 * own.abs() + 1e-9 * size, "{voxel:?}: {own} {fd}");
+        seen += usize::from(own.abs() > 1e-4 * size);
+    }
+    assert!(seen >= 3, "{seen}");
+
+    // The other name is refused, with the right one.
+    let e = sc.open(&desc, &[ALL[2].to_string()]).unwrap_err().to_string();
+    assert!(e.contains("`smoke` has no emission, but a grid of temperature"), "{e}");
+}
+
 /// Albedo 0 and 1 by voxel, everywhere: from the same samples, the sum over voxels is the derivative by a constant albedo.
 #[test]
 fn albedo_at_its_ends() {
