@@ -52,6 +52,7 @@ fn write(path: &Path) {
     println!("{active_voxels} active voxels in {} leaves", leaves.len());
     let grid = WriteGrid {
         name: "density".into(),
+        channels: 1,
         world_from_index: DAffine3::from_scale(DVec3::splat(0.01)),
         background: 0.0,
         leaves,

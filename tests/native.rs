@@ -446,6 +446,7 @@ fn sample_grid(r: &mut Rng, name: &str) -> WriteGrid {
     };
     WriteGrid {
         name: name.into(),
+        channels: 1,
         world_from_index: DAffine3::from_mat3_translation(
             DMat3::from_rotation_x(0.3) * DMat3::from_diagonal(DVec3::new(0.1, 0.2, 0.15)),
             DVec3::new(5.0, -3.0, 2.0),

@@ -14,29 +14,38 @@ use std::time::Duration;
 use tyndall::error::{Error, Result};
 use tyndall::image::{exr, output};
 use tyndall::math::Rgb;
+use tyndall::native::vdb;
 use tyndall::params::{Array, ParamSet};
 use tyndall::render::driver::Mode;
 use tyndall::render::family::stream;
 use tyndall::render::plan::Terms;
 use tyndall::scene::{Scene, arrays};
 
-/// Derivatives with respect to `$parameters` of the scene, gradients with respect to vertices of its meshes
+/// Derivatives with respect to `$parameters` of the scene, gradients with respect to vertices of its meshes and voxels of its grids
 ///
 /// Without --loss or --adjoint: one image a parameter (forward mode), layers d_NAME.R/G/B and var_NAME.R/G/B beside the picture.
 /// With one of them: one number a parameter (reverse mode) as JSON, on standard output or in -o FILE.json. There `--wrt` takes ID.vertices too, ID being
-/// the id of an obj or ply shape: three numbers a vertex, in world space, in the order of the mesh's vertices.
+/// the id of an obj or ply shape: three numbers a vertex, in world space, in the order of the mesh's vertices; and ID.sigma_t.grid,
+/// ID.albedo.grid, ID.emission.grid, ID.temperature.grid, ID being the id of a medium with such a grid: one number a voxel and channel, by the grid's own values (sigma_t
+/// before `scale`, emission before `emission_scale`, temperatures before `temperature_offset` and `temperature_scale`). Those
+/// are written to -o FILE.vdb, one grid an array (its name: the array's), with the transform and the active voxels of the grid they belong to (an active tile is
+/// one value and has one number; voxels of the background have none), and everything else as JSON beside it.
 /// Its standard error is that of the gradient pass, at most: the noise of the picture behind --loss is not in it.
 #[derive(Args)]
 pub struct GradArgs {
     #[command(flatten)]
     scene: SceneOptions,
-    /// Parameters to differentiate by; with --loss or --adjoint also ID.vertices, the vertices of a mesh
+    /// Parameters to differentiate by; with --loss or --adjoint also ID.vertices, the vertices of a mesh, and ID.sigma_t.grid, ID.albedo.grid, ID.emission.grid,
+    /// ID.temperature.grid, the voxels of a medium
     #[arg(long, value_name = "A,B,...", value_delimiter = ',', required = true)]
     wrt: Vec<String>,
     /// Images: an .exr, its report beside it as .json [default: SCENE's name + .grad.exr in the current folder];
-    /// gradient: a .json [default: standard output]
+    /// gradient: a .json [default: standard output]; with voxels a .vdb, the rest beside it as .json [default: SCENE's name + .grad.vdb]
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
+    /// Differentiate by the neighbours of active voxels too: all that share a cell with one
+    #[arg(long)]
+    dilate: bool,
     /// Gradient of this loss against --target. Of the samples, half make the picture that the loss is taken from, half the
     /// gradient; --max-time is shared alike. Both have random numbers of their own, which no `render --seed` of a target shares,
     /// so that the gradient is unbiased
@@ -69,6 +78,10 @@ impl GradArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
         let terms = Terms::parse(&self.terms)?;
         let wrt = parameters_and_arrays(&self.wrt)?;
+        if self.dilate && !wrt.iter().any(|n| arrays::is_voxels(n)) {
+            let remedy = "name an array of voxels, such as --wrt ID.sigma_t.grid, or leave it out";
+            return Err(Error::usage("`--dilate` is for arrays of voxels, and `--wrt` has none", remedy));
+        }
         if self.loss.is_some() || self.adjoint.is_some() {
             return self.reverse(&wrt, terms, log);
         }
@@ -95,11 +108,16 @@ impl GradArgs {
     }
 
     fn reverse(&self, wrt: &[String], terms: Terms, log: &Log) -> Result<u8> {
-        let outputs = match &self.output {
-            Some(path) => Some(Outputs::new(path.clone(), "json", None, self.render.overwrite)?),
+        let voxels = wrt.iter().any(|n| arrays::is_voxels(n));
+        let name = || files::default_name(&self.scene.scene, ".grad.vdb");
+        let outputs = match self.output.clone().or_else(|| voxels.then(name)) {
+            Some(path) => Some(Outputs::new(path, if voxels { "vdb" } else { "json" }, None, self.render.overwrite)?),
             None => None,
         };
         let mut setup = Setup::new(&self.scene, &self.render, wrt, log)?;
+        if self.dilate {
+            setup.scene.dilate(&setup.desc, wrt)?;
+        }
         setup.scene.open(&setup.desc, wrt)?;
         let params = setup.scene.param_set(&setup.desc, wrt)?;
         tell_idle(&params, wrt, log);
@@ -127,7 +145,10 @@ impl GradArgs {
         gradient(&mut report, &params, &setup.scene, &done.outcome.gradient);
         let json = run::to_json(&report)?;
         if let Some(o) = &outputs {
-            output::write_bytes(&o.main, format!("{json}\n").as_bytes())?;
+            if let (true, Some((g, _))) = (voxels, &done.outcome.gradient) {
+                write_voxels(&o.main, &params, &setup, g, log)?;
+            }
+            output::write_bytes(&o.report, format!("{json}\n").as_bytes())?;
         }
         if log.json || outputs.is_none() {
             log.result(json)?;
@@ -172,6 +193,24 @@ impl GradArgs {
     }
 }
 
+/// The arrays of voxels, a grid each.
+fn write_voxels(path: &Path, params: &ParamSet, setup: &Setup, slots: &[f64], log: &Log) -> Result<()> {
+    let mut grids = Vec::new();
+    for a in &params.arrays {
+        grids.extend(setup.scene.in_grid(&setup.desc, a, &slots[a.range()])?);
+    }
+    let beyond = |x: &&f64| x.is_finite() && !(**x as f32).is_finite() || **x != 0.0 && **x as f32 == 0.0;
+    let lost = params.arrays.iter().filter(|a| arrays::is_voxels(&a.name)).flat_map(|a| &slots[a.range()]);
+    match lost.filter(beyond).count() {
+        0 => {}
+        n => log.warn(format!(
+            "{n} numbers leave the range of single precision and are 0 or infinite in {}",
+            path.display()
+        )),
+    }
+    vdb::write(path, &grids)
+}
+
 /// Say when a derivative is zero because nothing depends on the parameter.
 pub fn tell_idle(params: &ParamSet, wrt: &[String], log: &Log) {
     if !params.any_active() {
@@ -179,7 +218,7 @@ pub fn tell_idle(params: &ParamSet, wrt: &[String], log: &Log) {
     }
 }
 
-/// Gradient over parameters from that over slots: a number a name, `{shape, values}` an array.
+/// Gradient over parameters from that over slots: a number a name, `{shape, values}` an array; of voxels, which are written elsewhere, `{shape, grid, norm}`.
 ///
 /// Errors of the slots add up as if they were fully correlated, which is exact where a parameter sets one slot, or all
 /// channels of one quantity that are.
@@ -187,10 +226,16 @@ fn gradient(report: &mut RunReport, params: &ParamSet, scene: &Scene, slots: &Op
     let Some((g, e)) = slots else { return };
     let values = params.pull_back(g);
     let size = |s: usize, k: usize| params.tangents(s as u32).get(k).map_or(0.0, |t| t.abs());
-    let errors: Vec<f64> = (0..params.len()).map(|k| e.iter().enumerate().map(|(s, e)| e * size(s, k)).sum()).collect();
+    let scalars = &e[..scene.slots.scalars];
+    let of = |k: usize| scalars.iter().enumerate().map(|(s, e)| e * size(s, k)).sum();
+    let errors: Vec<f64> = (0..params.len()).map(of).collect();
     let map = |v: Vec<f64>, slots: &[f64], order: bool| -> Map<String, Value> {
         let named = params.names.iter().cloned().zip(v.into_iter().map(|x| json!(x)));
         let array = |a: &Array| {
+            if arrays::is_voxels(&a.name) {
+                let norm = slots[a.range()].iter().map(|x| x * x).sum::<f64>().sqrt();
+                return (a.name.clone(), json!({ "shape": a.shape, "grid": a.name, "norm": norm }));
+            }
             let mut value = json!({ "shape": a.shape, "values": &slots[a.range()] });
             if let Some(order) = scene.file_order(a).filter(|_| order) {
                 value["file_order"] = json!(order);
@@ -210,7 +255,7 @@ fn summary(r: &RunReport, outputs: &Option<Outputs>) -> String {
         let value = m.as_ref().and_then(|m| m.get(name));
         let x = value.and_then(|v| match &v["values"] {
             Value::Array(v) => v.iter().map(|x| x.as_f64().map(|x| x * x)).sum::<Option<f64>>().map(f64::sqrt),
-            _ => v.as_f64(),
+            _ => v.as_f64().or_else(|| v["norm"].as_f64()),
         });
         x.map_or("unknown".into(), |x| format!("{x:.6e}"))
     };

@@ -6,12 +6,12 @@
 
 use super::{NO_SLOT, Volume};
 use crate::math::{DVec3, Rgb, blackbody};
-use crate::params::{Mover, ParamSet, Sink, Slot};
+use crate::params::{Mover, ParamSet, Quantity, Sink, Slot};
 
-/// Slots of an emission; [`NO_SLOT`] where the quantity is a grid or does not exist.
+/// Slots of an emission; [`NO_SLOT`] where the quantity does not exist, or is a grid whose voxels are not open as an array.
 #[derive(Clone, Copy, Debug)]
 pub struct GlowSlots {
-    /// Three of a constant radiance, one of a constant temperature.
+    /// Three of a constant radiance, one of a constant temperature; of a grid, those of its active voxels.
     pub value: Slot,
     pub scale: Slot,
     pub heat_scale: Slot,
@@ -45,6 +45,11 @@ pub struct Glow {
 }
 
 impl Glow {
+    /// What the volume holds.
+    pub fn quantity(&self) -> Quantity {
+        if self.heat.is_some() { Quantity::Temperature } else { Quantity::Glow }
+    }
+
     /// `L_e` at a world point.
     pub fn at(&self, p: DVec3) -> Rgb {
         let value = self.volume.at(p);
@@ -79,18 +84,22 @@ impl Glow {
         };
         let Some(heat) = &self.heat else {
             add(s.scale, self.volume.at(p));
-            if s.value != NO_SLOT {
-                (0..3).for_each(|c| add(s.value + c as Slot, Rgb::channel(c, self.scale)));
-            }
+            self.volume.partials(params, s.value, p, weight * self.scale, &mut |slot, d| sink.add(slot, d));
             return;
         };
         let value = self.volume.at(p)[0];
         let (radiance, slope) = blackbody::radiance(heat.kelvin(value));
         let by_kelvin = slope * self.scale;
         add(s.scale, radiance);
-        add(s.value, by_kelvin * heat.scale);
         add(s.heat_scale, by_kelvin * (value - heat.offset));
         add(s.heat_offset, by_kelvin * -heat.scale);
+        let by_value = by_kelvin * heat.scale;
+        match &self.volume {
+            Volume::Constant(_) => add(s.value, by_value),
+            Volume::Grid(_) => {
+                self.volume.partials(params, s.value, p, weight * by_value, &mut |slot, d| sink.add(slot, d))
+            }
+        }
     }
 
     /// The mover, if any parameter moves it.
@@ -101,7 +110,8 @@ impl Glow {
     /// Whether any slot of the emission is active.
     pub fn active(&self, params: &ParamSet) -> bool {
         let s = &self.slots;
-        let values = if self.heat.is_some() { 1 } else { 3 };
+        // All voxels of a grid are active, or none.
+        let values = if self.heat.is_none() && matches!(self.volume, Volume::Constant(_)) { 3 } else { 1 };
         let blocks = [(s.value, values), (s.scale, 1), (s.heat_scale, 1), (s.heat_offset, 1)];
         blocks.iter().any(|&(first, n)| first != NO_SLOT && params.block_active(first, n))
             || self.moves(params).is_some()

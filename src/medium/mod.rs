@@ -4,7 +4,7 @@ pub mod glow;
 pub mod grid;
 
 use crate::math::{DVec3, Rgb};
-use crate::params::{Mover, ParamSet, Sink, Slot};
+use crate::params::{Mover, ParamSet, Quantity, Sink, Slot};
 use crate::phase::Phase;
 use glow::Glow;
 use grid::Grid;
@@ -41,6 +41,32 @@ impl Volume {
         }
     }
 
+    /// Partials of what has the partials `weight` by the volume's value at a point: by its channels, or by the voxels around.
+    fn partials(&self, params: &ParamSet, first: Slot, p: DVec3, weight: Rgb, f: &mut impl FnMut(Slot, Rgb)) {
+        if first == NO_SLOT {
+            return;
+        }
+        match self {
+            Volume::Constant(_) => {
+                for c in 0..3 {
+                    if params.is_active(first + c as Slot) {
+                        f(first + c as Slot, Rgb::channel(c, weight[c]));
+                    }
+                }
+            }
+            Volume::Grid(g) if params.is_active(first) => {
+                g.active_nodes(p, |k, w| voxel(g, first, k, weight * w, f));
+            }
+            Volume::Grid(_) => {}
+        }
+    }
+
+    /// Whether any slot from this one on is active that belongs to it.
+    fn active(&self, params: &ParamSet, first: Slot) -> bool {
+        let len = if matches!(self, Volume::Grid(_)) { 1 } else { 3 };
+        first != NO_SLOT && params.block_active(first, len)
+    }
+
     /// Per channel, 1/length.
     pub fn gradient(&self, p: DVec3) -> [DVec3; 3] {
         match self {
@@ -50,7 +76,7 @@ impl Volume {
     }
 }
 
-/// Slots of a medium; `u32::MAX` where the quantity is a grid or does not exist.
+/// First slots of a medium's quantities; `u32::MAX` where one does not exist, or is a grid whose voxels are not open as an array.
 #[derive(Clone, Copy, Debug)]
 pub struct MediumSlots {
     pub sigma_t: Slot,
@@ -62,6 +88,16 @@ pub struct MediumSlots {
 }
 
 pub const NO_SLOT: Slot = Slot::MAX;
+
+/// Partials by the k-th active voxel of an open grid, of what has the partials `weight` by its channels.
+#[inline]
+fn voxel(g: &Grid, first: Slot, k: u32, weight: Rgb, f: &mut impl FnMut(Slot, Rgb)) {
+    if g.channels() == 1 {
+        f(first + k, weight);
+    } else {
+        (0..3).for_each(|c| f(first + 3 * k + c as Slot, Rgb::channel(c, weight[c])));
+    }
+}
 
 /// `sigma_t(x) = scale * density(x)`, `sigma_s(x) = albedo(x) * sigma_t(x)`.
 #[derive(Clone, Debug)]
@@ -184,14 +220,8 @@ impl Medium {
         if s.scale != NO_SLOT && params.is_active(s.scale) {
             f(s.scale, density * share);
         }
-        for c in 0..3 {
-            if s.sigma_t != NO_SLOT && params.is_active(s.sigma_t + c as Slot) {
-                f(s.sigma_t + c as Slot, Rgb::channel(c, self.scale * share[c]));
-            }
-            if s.albedo != NO_SLOT && params.is_active(s.albedo + c as Slot) {
-                f(s.albedo + c as Slot, Rgb::channel(c, slope * self.scale * density[c]));
-            }
-        }
+        self.density.partials(params, s.sigma_t, p, share * self.scale, &mut f);
+        self.albedo.partials(params, s.albedo, p, density * (slope * self.scale), &mut f);
     }
 
     /// `d (integral of sigma_t over a span) / d slot`, per channel [T] (11) with fixed points.
@@ -212,12 +242,17 @@ impl Medium {
         if s.scale != NO_SLOT && params.is_active(s.scale) {
             f(s.scale, self.density_integral(o, w, t0, t1));
         }
-        if s.sigma_t != NO_SLOT {
-            for c in 0..3 {
-                if params.is_active(s.sigma_t + c as Slot) {
-                    f(s.sigma_t + c as Slot, Rgb::channel(c, self.scale * (t1 - t0)));
-                }
+        if s.sigma_t == NO_SLOT {
+            return;
+        }
+        match &self.density {
+            Volume::Constant(_) => {
+                self.density.partials(params, s.sigma_t, o, Rgb::splat(self.scale * (t1 - t0)), &mut f)
             }
+            Volume::Grid(g) if params.is_active(s.sigma_t) => g.integrate_active(o, w, t0, t1, &mut |k, weight| {
+                voxel(g, s.sigma_t, k, Rgb::splat(self.scale * weight), &mut f);
+            }),
+            Volume::Grid(_) => {}
         }
     }
 
@@ -232,16 +267,46 @@ impl Medium {
 
     /// Whether any slot that scattering depends on is active.
     pub fn source_active(&self, params: &ParamSet) -> bool {
-        let s = &self.slots;
-        let values = [(s.sigma_t, 3), (s.albedo, 3), (s.scale, 1)];
-        values.iter().any(|&(f, n)| f != NO_SLOT && params.block_active(f, n)) || self.moves(params).is_some()
+        self.extinction_active(params) || self.albedo.active(params, self.slots.albedo)
     }
 
     /// Whether any slot that extinction depends on is active.
     pub fn extinction_active(&self, params: &ParamSet) -> bool {
-        let s = &self.slots;
-        let values = [(s.sigma_t, 3), (s.scale, 1)];
-        values.iter().any(|&(f, n)| f != NO_SLOT && params.block_active(f, n)) || self.moves(params).is_some()
+        let scale = self.slots.scale;
+        self.density.active(params, self.slots.sigma_t)
+            || scale != NO_SLOT && params.is_active(scale)
+            || self.moves(params).is_some()
+    }
+
+    /// The volume that carries a quantity, with its first slot.
+    pub fn volume_mut(&mut self, quantity: Quantity) -> Option<(&mut Volume, &mut Slot)> {
+        let s = &mut self.slots;
+        match quantity {
+            Quantity::SigmaT => Some((&mut self.density, &mut s.sigma_t)),
+            Quantity::Albedo => Some((&mut self.albedo, &mut s.albedo)),
+            Quantity::Glow | Quantity::Temperature => {
+                let e = self.emission.as_mut().filter(|e| e.quantity() == quantity)?;
+                Some((&mut e.volume, &mut e.slots.value))
+            }
+            _ => None,
+        }
+    }
+
+    /// The grid that carries a quantity, with the first slot of its voxels.
+    pub fn grid_of(&self, quantity: Quantity) -> Option<(&Arc<Grid>, Slot)> {
+        let (volume, first) = match quantity {
+            Quantity::SigmaT => (&self.density, self.slots.sigma_t),
+            Quantity::Albedo => (&self.albedo, self.slots.albedo),
+            Quantity::Glow | Quantity::Temperature => {
+                let e = self.emission.as_ref().filter(|e| e.quantity() == quantity)?;
+                (&e.volume, e.slots.value)
+            }
+            _ => return None,
+        };
+        match volume {
+            Volume::Grid(g) => Some((g, first)),
+            Volume::Constant(_) => None,
+        }
     }
 
     pub fn g_active(&self, params: &ParamSet) -> bool {

@@ -102,13 +102,16 @@ pub enum Select {
     NameIndex(String, usize),
 }
 
-/// A grid of floats to be written.
+/// A grid of floats, or of vectors of three, to be written.
 #[derive(Clone, Debug)]
 pub struct WriteGrid {
     pub name: String,
+    /// 1 or 3.
+    pub channels: usize,
     pub world_from_index: DAffine3,
+    /// In all channels.
     pub background: f32,
-    /// 512 values each. OpenVDB keeps the values of inactive voxels only if there are at most two different ones.
+    /// 512 values each, channels interleaved. OpenVDB keeps the values of inactive voxels only if there are at most two different ones.
     pub leaves: Vec<Leaf>,
     pub tiles: Vec<Tile>,
     /// "fog volume", "level set", "unknown".
@@ -137,6 +140,12 @@ pub fn version() -> String {
 pub fn list(path: &Path) -> Result<Vec<GridInfo>> {
     let file = Open::new(path)?;
     (0..file.count()).map(|i| file.stats(i)).collect()
+}
+
+/// What [`list`] says of one grid.
+pub fn info(path: &Path, select: &Select) -> Result<GridInfo> {
+    let file = Open::new(path)?;
+    file.stats(file.find(select)?)
 }
 
 /// Load one grid. Values become f32; other types than float, half, double, int32, int64, bool, mask and vec3 are errors.
@@ -201,6 +210,9 @@ fn write_file(temporary: &Path, path: &Path, grids: &[WriteGrid], compression: C
         if !g.world_from_index.is_finite() || g.world_from_index.matrix3.determinant() == 0.0 {
             return Err(damage(path, &g.name, "its transform cannot be inverted"));
         }
+        if ![1, 3].contains(&g.channels) {
+            return Err(damage(path, &g.name, &format!("{} channels; 1 or 3 can be written", g.channels)));
+        }
         // SAFETY: C strings and 16 numbers, alive through the call.
         call(path, &g.name, |e, n| unsafe {
             sys::tvdb_writer_grid(
@@ -208,6 +220,7 @@ fn write_file(temporary: &Path, path: &Path, grids: &[WriteGrid], compression: C
                 name.as_ptr(),
                 class.as_ptr(),
                 m.as_ptr(),
+                g.channels as i32,
                 g.background,
                 i32::from(g.half),
                 e,
@@ -224,18 +237,20 @@ fn write_file(temporary: &Path, path: &Path, grids: &[WriteGrid], compression: C
                     &format!("no tile of edge {} at {:?} is possible", t.size, t.origin),
                 ));
             }
-            // SAFETY: three numbers.
+            // SAFETY: three numbers, twice.
             call(path, &g.name, |e, n| unsafe {
-                sys::tvdb_writer_tile(writer.0, t.origin.as_ptr(), t.size, t.value[0], i32::from(t.active), e, n)
+                let (origin, value) = (t.origin.as_ptr(), t.value.as_ptr());
+                sys::tvdb_writer_tile(writer.0, origin, t.size, value, i32::from(t.active), e, n)
             })?;
         }
         for l in &g.leaves {
-            if l.values.len() != LEAF_VOXELS || !aligned(l.origin, LEAF) {
-                let what =
-                    format!("leaf at {:?} with {} values: 512 at multiples of 8 are needed", l.origin, l.values.len());
+            let needed = LEAF_VOXELS * g.channels;
+            if l.values.len() != needed || !aligned(l.origin, LEAF) {
+                let given = l.values.len();
+                let what = format!("leaf at {:?} with {given} values: {needed} at multiples of 8 are needed", l.origin);
                 return Err(damage(path, &g.name, &what));
             }
-            // SAFETY: 3, 8 and 512 numbers.
+            // SAFETY: 3, 8 and 512 * channels numbers.
             call(path, &g.name, |e, n| unsafe {
                 sys::tvdb_writer_leaf(writer.0, l.origin.as_ptr(), l.active.as_ptr(), l.values.as_ptr(), e, n)
             })?;

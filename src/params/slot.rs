@@ -8,9 +8,9 @@ pub type Slot = u32;
 /// What a block of slots is, for plans, reports and `--wrt` by object id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Quantity {
-    /// Extinction, per channel (constant volumes only), 1/length.
+    /// Extinction before `scale`, 1/length: per channel, or of every voxel.
     SigmaT,
-    /// Single-scattering albedo, per channel.
+    /// Single-scattering albedo likewise.
     Albedo,
     /// Factor on a medium's extinction.
     MediumScale,
@@ -22,7 +22,7 @@ pub enum Quantity {
     Ior,
     /// Radiance, intensity or irradiance of a light, per channel.
     Emission,
-    /// Emitted radiance of a medium, per channel (multiplied by sigma_a).
+    /// Emitted radiance of a medium (multiplied by sigma_a) likewise.
     Glow,
     /// Factor on a medium's emission.
     GlowScale,
@@ -110,28 +110,36 @@ pub struct Block {
     pub len: u32,
 }
 
-/// All blocks of a scene. Arrays (vertices) have slots when they are asked for only, behind all others.
+/// All blocks of a scene. Arrays (vertices, voxels) have slots when they are asked for only, behind all others.
 #[derive(Clone, Debug, Default)]
 pub struct SlotTable {
     pub blocks: Vec<Block>,
+    /// Of the scalars.
     pub values: Vec<f64>,
     /// Slots that every scene has; those of arrays come after them.
     pub scalars: usize,
+    /// All slots.
+    pub count: usize,
 }
 
 impl SlotTable {
     pub fn push(&mut self, owner: Owner, name: &str, quantity: Quantity, values: &[f64]) -> Slot {
-        debug_assert_eq!(self.scalars, self.values.len(), "arrays come last");
-        let first = self.push_array(owner, name, quantity, values);
-        self.scalars = self.values.len();
+        debug_assert_eq!(self.scalars, self.count, "arrays come last");
+        let first = self.push_block(owner, name, quantity, values.len());
+        self.values.extend_from_slice(values);
+        self.scalars = self.count;
         first
     }
 
-    /// The slots of an array; no others may come after them.
-    pub fn push_array(&mut self, owner: Owner, name: &str, quantity: Quantity, values: &[f64]) -> Slot {
-        let first = self.values.len() as Slot;
-        self.blocks.push(Block { owner, name: name.into(), quantity, first, len: values.len() as u32 });
-        self.values.extend_from_slice(values);
+    /// The slots of an array, one after the other; no scalars may come after them. `None` if there are more than can be numbered.
+    pub fn push_array(&mut self, owner: Owner, name: &str, quantity: Quantity, len: usize) -> Option<Slot> {
+        (len < Slot::MAX as usize - self.count).then(|| self.push_block(owner, name, quantity, len))
+    }
+
+    fn push_block(&mut self, owner: Owner, name: &str, quantity: Quantity, len: usize) -> Slot {
+        let first = self.count as Slot;
+        self.blocks.push(Block { owner, name: name.into(), quantity, first, len: len as u32 });
+        self.count += len;
         first
     }
 }
@@ -236,8 +244,8 @@ impl ParamSet {
     /// Gradient over named parameters from the gradient over slots (the transpose).
     pub fn pull_back(&self, slot_gradient: &[f64]) -> Vec<f64> {
         let mut g = vec![0.0; self.len()];
-        for (s, &x) in slot_gradient.iter().enumerate() {
-            for (gk, t) in g.iter_mut().zip(self.tangents(s as Slot)) {
+        for (x, tangents) in slot_gradient.iter().zip(self.tangent.chunks_exact(self.len().max(1))) {
+            for (gk, t) in g.iter_mut().zip(tangents) {
                 *gk += x * t;
             }
         }

@@ -185,17 +185,16 @@ impl Job<'_> {
         let reverse = matches!(self.mode, Mode::Reverse(..));
         let slots = &self.scene.slots;
         let size = match reverse {
-            true => Size { scalars: slots.scalars, arrays: slots.values.len() - slots.scalars },
+            true => Size { scalars: slots.scalars, arrays: slots.count - slots.scalars },
             false => Size { scalars: 0, arrays: 0 },
         };
-        let mut gradients = Batches::new(size);
+        let (mut gradient, mut gradients) = (Gradient::new(size), Batches::new(size));
         let (mut taken, mut error) = (0, f64::NAN);
         let mut target_reached = self.target_error.map(|_| false);
         let light_on_ray = Mutex::new(None);
         for (index, &(first, n)) in batches.iter().enumerate() {
             let done = std::sync::atomic::AtomicUsize::new(0);
             let dropped = AtomicBool::new(false);
-            let mut gradient = Gradient::new(size);
             gradient.gather(tiles, reverse, |tile, sink| {
                 // A signal, or the time limit once a batch is done, ends the run between tiles; the open batch is dropped.
                 let late = index > 0 && self.max_time.is_some_and(|t| start.elapsed() >= t);
@@ -225,7 +224,7 @@ impl Job<'_> {
             }
             work.film.end_batch(index as u64, n)?;
             taken += n;
-            gradients.push(gradient, n);
+            gradients.push(&mut gradient, n);
             error = relative_error(&work.film);
             if self.target_error.is_some_and(|t| index >= 7 && error <= t) {
                 target_reached = Some(true);
@@ -239,6 +238,7 @@ impl Job<'_> {
         if taken == 0 {
             return Err(Error::Interrupted);
         }
+        drop(gradient);
         let gradient = reverse.then(|| gradients.finish());
         let light_on_ray = light_on_ray.into_inner().unwrap_or(None);
         let Work { rooms, film, .. } = work;

@@ -2,11 +2,14 @@
 //!
 //! Over scalar slots every work item (a tile, a block of outward samples) has sums of its own, added in the items' order. Arrays may have millions of slots: there
 //! items share a bounded number of sums, whose number depends on the arrays' size alone. Item k adds to sum k mod n, one item after the other.
+//! Sums are begun one after the other too and added up in that order: those alive are the threads' own, and those that wait for a slower one before them.
 
 use crate::params::Reverse;
-use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
-/// What the shared sums of arrays may hold at a time, in bytes, within these numbers of sums.
+/// What the shared sums of arrays may hold, in bytes, within these numbers of sums.
 const SHARED: usize = 1 << 28;
 const SUMS: (usize, usize) = (8, 256);
 
@@ -22,6 +25,8 @@ pub struct Size {
 pub struct Gradient {
     scalars: Vec<f64>,
     arrays: Vec<f64>,
+    /// Sums over arrays that are done with, all 0: fresh memory costs more than the samples of a small batch.
+    spare: Vec<Vec<f64>>,
 }
 
 impl Size {
@@ -36,15 +41,24 @@ impl Size {
 
 impl Gradient {
     pub fn new(size: Size) -> Self {
-        Gradient { scalars: vec![0.0; size.scalars], arrays: vec![0.0; size.arrays] }
+        Gradient { scalars: vec![0.0; size.scalars], arrays: vec![0.0; size.arrays], spare: Vec::new() }
     }
 
     /// Work on items `0..items`, each with a sink for it; `None` where no gradient is wanted.
     pub fn gather(&mut self, items: usize, reverse: bool, work: impl Fn(usize, &mut Option<Reverse>) + Sync) {
         let size = Size { scalars: self.scalars.len(), arrays: if reverse { self.arrays.len() } else { 0 } };
         let sums = size.sums(items);
+        let done = Mutex::new(Done {
+            total: &mut self.arrays,
+            next: 0,
+            waiting: BTreeMap::new(),
+            spare: if reverse { std::mem::take(&mut self.spare) } else { Vec::new() },
+            scalars: vec![Vec::new(); sums],
+        });
+        let lock = || done.lock().unwrap_or_else(PoisonError::into_inner);
         let share = |first: usize| {
-            let mut arrays = vec![0.0; size.arrays];
+            let spare = lock().spare.pop();
+            let mut arrays = spare.unwrap_or_else(|| vec![0.0; size.arrays]);
             let own = (first..items).step_by(sums).map(|item| {
                 let mut sink = reverse.then(|| Reverse::new(size.scalars, std::mem::take(&mut arrays)));
                 work(item, &mut sink);
@@ -53,13 +67,50 @@ impl Gradient {
                     r.scalars
                 })
             });
-            (own.collect::<Vec<_>>(), arrays)
+            let own = own.collect::<Vec<_>>();
+            lock().finish(first, own, arrays);
         };
-        let shares: Vec<_> = (0..sums).into_par_iter().map(share).collect();
-        for item in 0..items {
-            add(&mut self.scalars, &shares[item % sums].0[item / sums]);
+        let begun = AtomicUsize::new(0);
+        let threads = rayon::current_num_threads().min(sums);
+        rayon::scope(|s| {
+            for _ in 0..threads {
+                s.spawn(|_| {
+                    while let Some(k) = Some(begun.fetch_add(1, Ordering::Relaxed)).filter(|&k| k < sums) {
+                        share(k);
+                    }
+                });
+            }
+        });
+        let Done { scalars, spare, .. } = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+        if reverse {
+            self.spare = spare;
         }
-        shares.iter().for_each(|s| add(&mut self.arrays, &s.1));
+        for item in 0..items {
+            add(&mut self.scalars, &scalars[item % sums][item / sums]);
+        }
+    }
+}
+
+/// Sums that are complete: of arrays those up to `next` in the total, others waiting; of scalars one an item.
+struct Done<'a> {
+    total: &'a mut [f64],
+    next: usize,
+    waiting: BTreeMap<usize, Vec<f64>>,
+    spare: Vec<Vec<f64>>,
+    scalars: Vec<Vec<Vec<f64>>>,
+}
+
+impl Done<'_> {
+    fn finish(&mut self, k: usize, scalars: Vec<Vec<f64>>, arrays: Vec<f64>) {
+        self.scalars[k] = scalars;
+        self.waiting.insert(k, arrays);
+        while let Some(mut sum) = self.waiting.remove(&self.next) {
+            for (a, b) in self.total.iter_mut().zip(&mut sum) {
+                *a += std::mem::take(b);
+            }
+            self.next += 1;
+            self.spare.push(sum);
+        }
     }
 }
 
@@ -82,13 +133,14 @@ impl Batches {
         Batches { scalars: Vec::new(), mean: vec![0.0; size.arrays], squares: vec![0.0; size.arrays], samples: 0 }
     }
 
-    /// The gradient of a batch of so many samples a pixel.
-    pub fn push(&mut self, g: Gradient, samples: u64) {
-        self.scalars.push((g.scalars, samples));
+    /// The gradient of a batch of so many samples a pixel, which is 0 afterward.
+    pub fn push(&mut self, g: &mut Gradient, samples: u64) {
+        let zero = vec![0.0; g.scalars.len()];
+        self.scalars.push((std::mem::replace(&mut g.scalars, zero), samples));
         self.samples += samples;
         let (n, total) = (samples as f64, self.samples as f64);
-        for ((mean, squares), x) in self.mean.iter_mut().zip(&mut self.squares).zip(g.arrays) {
-            let x = x / n;
+        for ((mean, squares), x) in self.mean.iter_mut().zip(&mut self.squares).zip(&mut g.arrays) {
+            let x = std::mem::take(x) / n;
             let d = x - *mean;
             *mean += d * n / total;
             *squares += n * d * (x - *mean);
@@ -151,7 +203,7 @@ mod tests {
         let mut batches = Batches::new(size);
         for (k, n) in [5, 5, 4, 4, 4].into_iter().enumerate() {
             let x = (k as f64).sin() * n as f64;
-            batches.push(Gradient { scalars: vec![x], arrays: vec![x] }, n);
+            batches.push(&mut Gradient { scalars: vec![x], arrays: vec![x], spare: Vec::new() }, n);
         }
         let (mean, error) = batches.finish();
         assert!((mean[0] - mean[1]).abs() < 1e-15 && (error[0] - error[1]).abs() < 1e-15 && error[0] > 0.1);

@@ -5,6 +5,7 @@
 use crate::error::{Error, Result};
 use crate::math::Dual;
 use crate::params::Quantity;
+use crate::scene::arrays::Target;
 use crate::scene::desc::suggest;
 use crate::scene::parts::{LightKindPart, Movable, Parts, ShapeKind, SurfacePart, VolumePart};
 use crate::scene::{SceneDesc, arrays};
@@ -325,7 +326,10 @@ impl Plan {
         let mut missing = Vec::new();
         for name in wrt {
             let motion = match arrays::split(name) {
-                Some(_) => motion_of_mesh(&parts, arrays::mesh(&parts, name)?),
+                Some(_) => match arrays::target(&parts, name)? {
+                    Target::Vertices(shape) => motion_of_mesh(&parts, shape),
+                    Target::Voxels(..) => Motion { values: true, ..Motion::default() },
+                },
                 None => motion(&parts, &Parts::read(desc, &desc.dual(desc.wrt(name)?))?),
             };
             for (term, why) in needed(&facts, &motion) {
@@ -392,9 +396,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
     let through = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. });
     // The border of an open interface counts as out of sight (`term::interfaces`).
-    let edged = |k: &ShapeKind<f64>| {
-        !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Rectangle { .. } | ShapeKind::Disk { .. })
-    };
+    let edged = |k: &ShapeKind<f64>| !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Rectangle | ShapeKind::Disk);
     let outlined = |s: usize| opaque(s) && !smooth(s);
     let local = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Point { .. } | LightKindPart::Spot { .. });
     let distant = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Directional { .. });

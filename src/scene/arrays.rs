@@ -1,35 +1,89 @@
-//! Arrays of numbers as parameters, named `object.array`: `bunny.vertices`. A scene has slots for them once [`Scene::open`] was asked for it.
+//! Arrays of numbers as parameters, named `object.array`: `bunny.vertices`, `smoke.sigma_t.grid`. A scene has slots for them once [`Scene::open`] was asked for it.
 
 use super::compile::UNIFORM_SHARE;
 use super::desc::suggest;
 use super::parts::{Parts, ShapeKind, SurfacePart};
 use super::{Scene, SceneDesc};
 use crate::error::{Error, Result};
-use crate::params::{Array, Owner, Quantity, Slot};
+use crate::medium::NO_SLOT;
+use crate::params::{Array, Owner, Quantity};
 use crate::shape::Shape;
 
 /// The array of vertices.
 pub const VERTICES: &str = "vertices";
 
+/// Arrays of voxels: their names, and what they hold.
+pub const VOXELS: [(&str, Quantity); 4] = [
+    ("sigma_t.grid", Quantity::SigmaT),
+    ("albedo.grid", Quantity::Albedo),
+    ("emission.grid", Quantity::Glow),
+    ("temperature.grid", Quantity::Temperature),
+];
+
+/// What a name means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// Vertices of this shape.
+    Vertices(usize),
+    /// Voxels of this medium's grid.
+    Voxels(usize, Quantity),
+}
+
 /// Object and array of a name, which then is no `$parameter`'s.
 pub fn split(name: &str) -> Option<(&str, &str)> {
-    name.rsplit_once('.')
+    let grid = name.strip_suffix(".grid").and_then(|rest| rest.rfind('.'));
+    let at = grid.or_else(|| name.rfind('.'))?;
+    Some((&name[..at], &name[at + 1..]))
+}
+
+/// What an array's name says it holds.
+fn voxels(array: &str) -> Option<Quantity> {
+    VOXELS.iter().find(|v| v.0 == array).map(|v| v.1)
+}
+
+/// Whether it is a name of voxels.
+pub fn is_voxels(name: &str) -> bool {
+    split(name).is_some_and(|(_, array)| voxels(array).is_some())
 }
 
 /// An error for an array that cannot be a parameter, whatever the scene is.
 pub fn known(name: &str) -> Result<()> {
     match split(name) {
-        None | Some((_, VERTICES)) => Ok(()),
+        None => Ok(()),
+        Some((_, array)) if array == VERTICES || voxels(array).is_some() => Ok(()),
         Some((object, array)) => Err(Error::usage(
             format!("`--wrt {name}`: derivatives by `{array}` of `{object}` are not available yet"),
-            "give a `$parameter` of the scene (`tyndall info SCENE` lists them), or ID.vertices, ID being the id of an obj or ply shape",
+            "give a `$parameter` of the scene (`tyndall info SCENE` lists them), ID.vertices, ID being the id of an obj or ply shape, or \
+             ID.sigma_t.grid, ID.albedo.grid, ID.emission.grid, ID.temperature.grid, ID being the id of a medium with such a grid",
         )),
     }
 }
 
-/// The mesh whose vertices `name` means. Refused by name: all other arrays, and meshes whose vertices cannot be parameters.
-pub fn mesh(parts: &Parts<f64>, name: &str) -> Result<usize> {
+/// What the name of an array means in a scene. Refused by name: all that cannot be parameters.
+pub fn target(parts: &Parts<f64>, name: &str) -> Result<Target> {
     known(name)?;
+    match split(name).and_then(|(object, array)| Some((object, voxels(array)?))) {
+        Some((object, quantity)) => {
+            super::voxels::medium(parts, name, object, quantity).map(|i| Target::Voxels(i, quantity))
+        }
+        None => mesh(parts, name).map(Target::Vertices),
+    }
+}
+
+/// What an object is that is not what was looked for.
+pub(super) fn kind_of(parts: &Parts<f64>, object: &str) -> Option<&'static str> {
+    let kinds = [
+        ("a medium", parts.media.iter().any(|m| m.name == object)),
+        ("a shape", parts.shapes.iter().any(|s| s.name == object)),
+        ("an emitter", parts.lights.iter().any(|l| l.name == object)),
+        ("a bsdf", parts.surface_names.iter().any(|n| n == object)),
+        ("a sensor", parts.sensors.iter().any(|s| s.name == object)),
+    ];
+    kinds.iter().find(|k| k.1).map(|k| k.0)
+}
+
+/// The mesh whose vertices `name` means. Refused by name: meshes whose vertices cannot be parameters.
+fn mesh(parts: &Parts<f64>, name: &str) -> Result<usize> {
     let (object, _) = split(name).unwrap_or((name, VERTICES));
     let fail = |what: String, remedy: String| Err(Error::usage(format!("`--wrt {name}`: {what}"), remedy));
     let is_mesh = |k: &ShapeKind<f64>| matches!(k, ShapeKind::Obj(_) | ShapeKind::Ply(_));
@@ -40,14 +94,8 @@ pub fn mesh(parts: &Parts<f64>, name: &str) -> Result<usize> {
     };
     let mut found = parts.shapes.iter().enumerate().filter(|(_, s)| s.name == object);
     let Some((index, shape)) = found.next() else {
-        let others = [
-            ("a medium", parts.media.iter().any(|m| m.name == object)),
-            ("an emitter", parts.lights.iter().any(|l| l.name == object)),
-            ("a bsdf", parts.surface_names.iter().any(|n| n == object)),
-            ("a sensor", parts.sensors.iter().any(|s| s.name == object)),
-        ];
-        let what = match others.iter().find(|o| o.1) {
-            Some((kind, _)) => format!("`{object}` is {kind}, which has no vertices"),
+        let what = match kind_of(parts, object) {
+            Some(kind) => format!("`{object}` is {kind}, which has no vertices"),
             None => format!("the scene has no shape `{object}`"),
         };
         return fail(what, ours());
@@ -68,38 +116,53 @@ pub fn mesh(parts: &Parts<f64>, name: &str) -> Result<usize> {
 }
 
 impl Scene {
-    /// Make slots for the arrays among these names. From then on directions are drawn as where anything can move.
+    /// Make slots for the arrays among these names.
     pub fn open(&mut self, desc: &SceneDesc, names: &[String]) -> Result<()> {
+        let parts = Parts::read(desc, &desc.values::<f64>())?;
         for name in names.iter().filter(|n| split(n).is_some()) {
-            let index = mesh(&Parts::read(desc, &desc.values::<f64>())?, name)?;
-            let s = &mut self.shapes[index];
-            let Shape::Mesh(m) = &s.shape else { continue };
-            if m.normals.is_some() && !s.face_normals {
-                let what = format!(
-                    "`--wrt {name}`: the mesh `{}` is shaded by vertex normals, which its vertices do not carry along yet",
-                    s.name
-                );
-                return Err(Error::usage(what, "add <boolean name=\"face_normals\" value=\"true\"/> to the shape"));
+            match target(&parts, name)? {
+                Target::Vertices(shape) => self.open_vertices(name, shape)?,
+                Target::Voxels(medium, quantity) => self.open_voxels(name, medium, quantity)?,
             }
-            if self.slots.values.len() + 3 * m.vertices.len() >= Slot::MAX as usize {
-                let what = format!("`--wrt {name}`: {} vertices are more than can be numbered", m.vertices.len());
-                return Err(Error::usage(what, "differentiate by fewer meshes at a time"));
-            }
-            if s.vertices.is_none() {
-                let values: Vec<f64> = m.vertices.iter().flat_map(|p| p.to_array()).collect();
-                s.vertices = Some(self.slots.push_array(Owner::Shape(index), &s.name, Quantity::Vertices, &values));
-            }
-            self.uniform_share = UNIFORM_SHARE;
         }
+        Ok(())
+    }
+
+    /// From then on directions are drawn as where anything can move.
+    fn open_vertices(&mut self, name: &str, index: usize) -> Result<()> {
+        let s = &mut self.shapes[index];
+        let Shape::Mesh(m) = &s.shape else { return Ok(()) };
+        if m.normals.is_some() && !s.face_normals {
+            let what = format!(
+                "`--wrt {name}`: the mesh `{}` is shaded by vertex normals, which its vertices do not carry along yet",
+                s.name
+            );
+            return Err(Error::usage(what, "add <boolean name=\"face_normals\" value=\"true\"/> to the shape"));
+        }
+        if s.vertices.is_none() {
+            let len = 3 * m.vertices.len();
+            let first = self.slots.push_array(Owner::Shape(index), &s.name, Quantity::Vertices, len);
+            s.vertices = Some(first.ok_or_else(|| too_many(name, m.vertices.len()))?);
+        }
+        self.uniform_share = UNIFORM_SHARE;
         Ok(())
     }
 
     /// The array of this name, of a scene where it is open.
     pub(super) fn array(&self, desc: &SceneDesc, name: &str) -> Result<Array> {
-        let index = mesh(&Parts::read(desc, &desc.values::<f64>())?, name)?;
-        match (&self.shapes[index].shape, self.shapes[index].vertices) {
-            (Shape::Mesh(m), Some(first)) => Ok(Array { name: name.into(), first, shape: vec![m.vertices.len(), 3] }),
-            _ => Err(Error::usage(
+        let (first, shape) = match target(&Parts::read(desc, &desc.values::<f64>())?, name)? {
+            Target::Vertices(index) => match &self.shapes[index].shape {
+                Shape::Mesh(m) => (self.shapes[index].vertices, vec![m.vertices.len(), 3]),
+                _ => (None, Vec::new()),
+            },
+            Target::Voxels(index, quantity) => match self.media[index].grid_of(quantity) {
+                Some((g, first)) => (Some(first).filter(|&f| f != NO_SLOT), vec![g.active_count(), g.channels()]),
+                None => (None, Vec::new()),
+            },
+        };
+        match first {
+            Some(first) => Ok(Array { name: name.into(), first, shape }),
+            None => Err(Error::usage(
                 format!("`--wrt {name}`: an array has a gradient, but no derivative images"),
                 "give --loss l2 --target REF.exr, or --adjoint A.exr",
             )),
@@ -114,4 +177,9 @@ impl Scene {
             _ => None,
         }
     }
+}
+
+pub(super) fn too_many(name: &str, rows: usize) -> Error {
+    let what = format!("`--wrt {name}`: {rows} rows are more than can be numbered besides the other arrays");
+    Error::usage(what, "differentiate by fewer arrays at a time")
 }

@@ -150,7 +150,7 @@ impl Scene {
             columns.push(parts.slots().into_iter().flat_map(|s| s.values).map(|x| x.d[0]).collect());
         }
         let set = ParamSet::new(names.into_iter().cloned().collect(), &columns, self.slots.scalars);
-        Ok(set.with_arrays(arrays, self.slots.values.len()))
+        Ok(set.with_arrays(arrays, self.slots.count))
     }
 }
 

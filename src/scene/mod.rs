@@ -19,6 +19,7 @@ mod source;
 pub mod transform;
 pub mod value;
 pub mod volumes;
+pub mod voxels;
 pub mod xml;
 
 pub use desc::{Env, SceneDesc};
@@ -76,7 +77,7 @@ impl Scene {
     /// Whether light jumps where rays graze the shape: not at glass and mirrors without edges, which reflect all of it straight on.
     pub fn has_outline(&self, s: &Instance) -> bool {
         let surface = &self.surfaces[s.surface as usize];
-        !surface.is_null() && !(surface.is_smooth() && matches!(s.shape, Shape::Sphere(_)))
+        !(surface.is_null() || surface.is_smooth() && matches!(s.shape, Shape::Sphere(_)))
     }
 
     /// Whether the shape does nothing but part media.

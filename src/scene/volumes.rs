@@ -89,12 +89,14 @@ pub fn load_vdb(file: &VdbFile, how: Loading, warnings: &mut Vec<Warning>) -> Re
     for mut t in tiles {
         fog.apply(&mut t.value);
         builder.tile(t.origin, t.size, t.value);
+        builder.activate([if t.active { u64::MAX } else { 0 }; 8]);
     }
     let mut leaf = grid.room();
     for i in 0..grid.leaf_count() {
         grid.leaf(i, &mut leaf).map_err(fail)?;
         fog.apply(&mut leaf.values);
         builder.leaf(leaf.origin, &leaf.values);
+        builder.activate(leaf.active);
     }
     drop(grid);
 

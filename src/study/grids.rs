@@ -212,6 +212,7 @@ pub fn all_zero(b: &mut Bench) -> Result<()> {
     let empty = scratch.0.join("empty.vdb");
     let grid = vdb::WriteGrid {
         name: "density".into(),
+        channels: 1,
         world_from_index: DAffine3::IDENTITY,
         background: 0.0,
         leaves: Vec::new(),

@@ -82,6 +82,7 @@ pub struct SweepFacts {
 struct MediumFacts {
     source: bool,
     extinction: bool,
+    /// What it emits: numbers of its own, voxels, motion.
     glow: bool,
     g: bool,
     kappa: f64,

@@ -33,3 +33,5 @@ mod temperature;
 mod vdb;
 mod vertices;
 mod vertices_cli;
+mod voxels;
+mod voxels_cli;

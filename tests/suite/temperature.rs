@@ -65,7 +65,16 @@ fn ramp(path: &Path, value: impl Fn(DVec3) -> f64, name: &str) -> String {
     let (class, tiles) = ("fog volume".to_string(), vec![]);
     vdb::write(
         path,
-        &[WriteGrid { name: name.into(), world_from_index, background: 0.0, leaves, tiles, class, half: false }],
+        &[WriteGrid {
+            name: name.into(),
+            channels: 1,
+            world_from_index,
+            background: 0.0,
+            leaves,
+            tiles,
+            class,
+            half: false,
+        }],
     )
     .unwrap();
     format!(r#"<string name="filename" value="{}"/><string name="grid_name" value="{name}"/>"#, path.display())

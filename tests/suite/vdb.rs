@@ -76,6 +76,7 @@ fn rotated_anisotropic_grids_with_tiles() {
     let tiles = vec![Tile { origin: [8, 8, 16], size: 8, value: [0.7; 3], active: true }];
     let grid = WriteGrid {
         name: "density".into(),
+        channels: 1,
         world_from_index: DAffine3 { matrix3, translation: DVec3::new(3.0, -2.0, 1.0) },
         background: 0.0,
         leaves,
@@ -177,6 +178,7 @@ fn broken_voxels_are_named_or_repaired() {
     let leaf = Leaf { origin: [8, -16, 0], active: [u64::MAX; 8], values };
     let grid = WriteGrid {
         name: "density".into(),
+        channels: 1,
         world_from_index: DAffine3::IDENTITY,
         background: 0.0,
         leaves: vec![leaf],

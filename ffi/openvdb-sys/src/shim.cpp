@@ -291,10 +291,23 @@ struct tvdb_grid {
 
 struct tvdb_writer {
     vdb::GridPtrVec grids;
-    vdb::FloatGrid::Ptr last;
+    // One of them, the last grid.
+    vdb::FloatGrid::Ptr scalar;
+    vdb::Vec3SGrid::Ptr vector;
 };
 
 namespace {
+
+template <class G, class F>
+void add_leaf(G& g, const int32_t* o, const uint64_t* active8, F value) {
+    using Leaf = typename G::TreeType::LeafNodeType;
+    auto leaf = std::make_unique<Leaf>(vdb::Coord(o[0], o[1], o[2]), g.background());
+    for (vdb::Index v = 0; v < Leaf::SIZE; ++v) {
+        leaf->setValueOnly(v, value(v));
+        leaf->setActiveState(v, (active8[v >> 6] >> (v & 63)) & 1);
+    }
+    g.tree().addLeaf(leaf.release());
+}
 
 // List leaves and tiles in the tree's own order (root map, then x-major).
 template <class G>
@@ -439,9 +452,16 @@ void tvdb_writer_free(tvdb_writer* w) {
     guard(nullptr, 0, [&] { delete w; });
 }
 
-int tvdb_writer_grid(tvdb_writer* w, const char* name, const char* grid_class, const double* m, float background, int32_t half, char* err, size_t cap) {
+int tvdb_writer_grid(tvdb_writer* w, const char* name, const char* grid_class, const double* m, int32_t channels, float background, int32_t half, char* err, size_t cap) {
     return guard(err, cap, [&] {
-        vdb::FloatGrid::Ptr g = vdb::FloatGrid::create(background);
+        w->scalar.reset();
+        w->vector.reset();
+        vdb::GridBase::Ptr g;
+        if (channels == 1) {
+            g = w->scalar = vdb::FloatGrid::create(background);
+        } else {
+            g = w->vector = vdb::Vec3SGrid::create(vdb::Vec3s(background));
+        }
         g->setName(name);
         g->setCreator("tyndall");
         g->setGridClass(vdb::GridBase::stringToGridClass(grid_class));
@@ -450,28 +470,32 @@ int tvdb_writer_grid(tvdb_writer* w, const char* name, const char* grid_class, c
         for (int i = 0; i < 16; ++i) rows[i / 4][i % 4] = m[i];
         g->setTransform(vdb::math::Transform::createLinearTransform(rows));
         w->grids.push_back(g);
-        w->last = g;
     });
 }
 
 int tvdb_writer_leaf(tvdb_writer* w, const int32_t* o, const uint64_t* active8, const float* values, char* err, size_t cap) {
     return guard(err, cap, [&] {
-        if (!w->last) throw Failure("leaf without a grid");
-        using Leaf = vdb::FloatTree::LeafNodeType;
-        auto leaf = std::make_unique<Leaf>(vdb::Coord(o[0], o[1], o[2]), w->last->background());
-        for (vdb::Index v = 0; v < Leaf::SIZE; ++v) {
-            leaf->setValueOnly(v, values[v]);
-            leaf->setActiveState(v, (active8[v >> 6] >> (v & 63)) & 1);
+        if (w->scalar) {
+            add_leaf(*w->scalar, o, active8, [=](vdb::Index v) { return values[v]; });
+        } else if (w->vector) {
+            add_leaf(*w->vector, o, active8, [=](vdb::Index v) { return vdb::Vec3s(values + 3 * v); });
+        } else {
+            throw Failure("leaf without a grid");
         }
-        w->last->tree().addLeaf(leaf.release());
     });
 }
 
-int tvdb_writer_tile(tvdb_writer* w, const int32_t* o, int32_t size, float value, int32_t active, char* err, size_t cap) {
+int tvdb_writer_tile(tvdb_writer* w, const int32_t* o, int32_t size, const float* value3, int32_t active, char* err, size_t cap) {
     return guard(err, cap, [&] {
-        if (!w->last) throw Failure("tile without a grid");
         const vdb::Index level = size == 8 ? 1 : size == 128 ? 2 : 3;
-        w->last->tree().addTile(level, vdb::Coord(o[0], o[1], o[2]), value, active != 0);
+        const vdb::Coord at(o[0], o[1], o[2]);
+        if (w->scalar) {
+            w->scalar->tree().addTile(level, at, value3[0], active != 0);
+        } else if (w->vector) {
+            w->vector->tree().addTile(level, at, vdb::Vec3s(value3), active != 0);
+        } else {
+            throw Failure("tile without a grid");
+        }
     });
 }
 

@@ -52,9 +52,9 @@ int tvdb_sample(const tvdb_grid*, const double* xyz, size_t n, double* out, char
 
 int tvdb_writer_new(tvdb_writer** out, char* err, size_t cap);
 void tvdb_writer_free(tvdb_writer*);
-int tvdb_writer_grid(tvdb_writer*, const char* name, const char* grid_class, const double* world_from_index16, float background, int32_t half, char* err, size_t cap);
-int tvdb_writer_leaf(tvdb_writer*, const int32_t* origin3, const uint64_t* active8, const float* values512, char* err, size_t cap);
-int tvdb_writer_tile(tvdb_writer*, const int32_t* origin3, int32_t size, float value, int32_t active, char* err, size_t cap);
+int tvdb_writer_grid(tvdb_writer*, const char* name, const char* grid_class, const double* world_from_index16, int32_t channels, float background, int32_t half, char* err, size_t cap);
+int tvdb_writer_leaf(tvdb_writer*, const int32_t* origin3, const uint64_t* active8, const float* values512c, char* err, size_t cap);
+int tvdb_writer_tile(tvdb_writer*, const int32_t* origin3, int32_t size, const float* value3, int32_t active, char* err, size_t cap);
 // compression: 0 OpenVDB's default, 1 none, 2 zip
 int tvdb_writer_finish(tvdb_writer*, const char* path, int32_t compression, char* err, size_t cap);
 }

@@ -1,14 +1,12 @@
 //! Grids from OpenVDB's leaves and tiles, and from dense arrays.
 
 use super::bricks::BRICK;
-use super::nodes::{BACKGROUND, Block, Layout};
+use super::nodes::{BACKGROUND, LEAF, Layout, Stored};
 use super::values::Segments;
-use super::{Filter, Frame, Grid};
+use super::{Filter, Frame, Grid, Mask};
 use crate::math::{DAffine3, DMat3, DVec3};
 use std::sync::Arc;
 
-/// Nodes of a leaf.
-const LEAF: usize = BRICK * BRICK * BRICK;
 /// Bricks that a table may have: about a gigabyte of table.
 const TABLE_LIMIT: i64 = 1 << 26;
 
@@ -136,8 +134,7 @@ pub(super) fn find_bad<'a>(
 #[derive(Clone, Debug)]
 pub struct GridBuilder {
     source: GridSource,
-    /// Lowest node, edge in nodes (`BRICK` with 512 slots: a leaf), first slot.
-    blocks: Vec<([i32; 3], i32, Block)>,
+    blocks: Vec<Stored>,
     values: Segments,
     /// The first thing that went wrong.
     fault: Option<String>,
@@ -157,7 +154,7 @@ impl GridBuilder {
         if values.len() != LEAF * self.source.channels {
             self.fail(format!("a leaf at {origin:?} has {} values", values.len()));
         }
-        self.add(origin, BRICK as i32, 1, values);
+        self.add(origin, BRICK as i32, true, values);
     }
 
     /// A cube of nodes of one value, `size` nodes wide (a multiple of 8, as is `origin`). A leaf inside takes precedence.
@@ -166,10 +163,17 @@ impl GridBuilder {
             self.fail(format!("a tile at {origin:?} is {size} nodes wide"));
         }
         let channels = self.source.channels.min(3);
-        self.add(origin, size, 0, &value[..channels]);
+        self.add(origin, size, false, &value[..channels]);
     }
 
-    fn add(&mut self, origin: [i32; 3], size: i32, stride: u32, values: &[f32]) {
+    /// Which voxels of the leaf or tile given last are active: all, unless this is called. A tile is if any bit is set.
+    pub fn activate(&mut self, active: Mask) {
+        if let Some(last) = self.blocks.last_mut() {
+            last.active = active;
+        }
+    }
+
+    fn add(&mut self, origin: [i32; 3], size: i32, leaf: bool, values: &[f32]) {
         if origin.iter().any(|o| o.rem_euclid(BRICK as i32) != 0) {
             self.fail(format!("a block's origin {origin:?} is not a multiple of {BRICK}"));
         }
@@ -178,7 +182,15 @@ impl GridBuilder {
             self.fail("a grid has more than 2^32 voxels".into());
         }
         if self.fault.is_none() {
-            self.blocks.push((origin, size, Block { base: base as u32, stride }));
+            self.blocks.push(Stored {
+                base: base as u32,
+                origin,
+                size,
+                leaf,
+                active: [u64::MAX; 8],
+                rank: 0,
+                before: [0; 8],
+            });
             self.values.push(values, self.source.channels);
         }
     }
@@ -190,9 +202,8 @@ impl GridBuilder {
     /// Report values that are not allowed.
     pub fn validate(&self, allowed: Allowed) -> Result<(), BadVoxel> {
         find_bad(self.values.slices(), self.source.channels, allowed, |slot| {
-            let k = self.blocks.partition_point(|b| b.2.base as usize <= slot) - 1;
-            let (origin, _, block) = self.blocks[k];
-            let local = (slot - block.base as usize) as i32;
+            let Stored { base, origin, .. } = self.blocks[self.blocks.partition_point(|b| b.base as usize <= slot) - 1];
+            let local = (slot - base as usize) as i32;
             [origin[0] + (local >> 6), origin[1] + (local >> 3 & 7), origin[2] + (local & 7)]
         })
     }
@@ -223,8 +234,8 @@ impl GridBuilder {
 
         // Find the nodes that may differ from the background.
         let whole = (0..3).map(|a| {
-            let low = self.blocks.iter().map(|b| i64::from(b.0[a])).min().unwrap_or(0);
-            let high = self.blocks.iter().map(|b| i64::from(b.0[a]) + i64::from(b.1) - 1).max().unwrap_or(-1);
+            let low = self.blocks.iter().map(|b| i64::from(b.origin[a])).min().unwrap_or(0);
+            let high = self.blocks.iter().map(|b| i64::from(b.origin[a]) + i64::from(b.size) - 1).max().unwrap_or(-1);
             bbox.map_or((low, high), |(l, h)| (low.max(i64::from(l[a])), high.min(i64::from(h[a]))))
         });
         let whole: Vec<(i64, i64)> = whole.collect();
@@ -249,8 +260,8 @@ impl GridBuilder {
 
         // Enter tiles, then leaves on top.
         let mut blocks = vec![BACKGROUND; dims.iter().product()];
-        for leaves in [0, 1] {
-            for (low, size, block) in self.blocks.iter().filter(|b| b.2.stride == leaves) {
+        for leaves in [false, true] {
+            for (k, Stored { origin: low, size, .. }) in self.blocks.iter().enumerate().filter(|b| b.1.leaf == leaves) {
                 let cover = |a: usize| {
                     let from = (i64::from(low[a]) - i64::from(origin[a])) / BRICK as i64;
                     from.max(0) as usize..(from + i64::from(size / BRICK as i32)).clamp(0, dims[a] as i64) as usize
@@ -259,10 +270,10 @@ impl GridBuilder {
                     for y in cover(1) {
                         for z in cover(2) {
                             let at = &mut blocks[(x * dims[1] + y) * dims[2] + z];
-                            if leaves == 1 && at.stride == 1 {
+                            if leaves && self.blocks.get(*at as usize).is_some_and(|b| b.leaf) {
                                 return Err(format!("two leaves at {low:?}"));
                             }
-                            *at = *block;
+                            *at = k as u32;
                         }
                     }
                 }
@@ -273,17 +284,22 @@ impl GridBuilder {
         } else {
             ([0, 1, 2].map(|a| whole[a].0 as i32), [0, 1, 2].map(|a| whole[a].1.min(i64::from(i32::MAX)) as i32))
         };
-        let mut values = self.values;
-        for (low, size, block) in &self.blocks {
+        let (mut stored, mut values) = (self.blocks, self.values);
+        stored.shrink_to_fit();
+        let mut rank = 0;
+        for s in &mut stored {
+            (s.rank, rank) = (rank, rank + s.count());
+            let mut before = 0;
+            for (b, word) in s.before.iter_mut().zip(s.active) {
+                (*b, before) = (before, before + word.count_ones() as u16);
+            }
             // Bricks have an apron: nodes of a plane are read by the one before it, too, and by none behind.
-            let last = (i64::from(low[0]) + i64::from(*size) - 1 - i64::from(origin[0])) / BRICK as i64;
-            values.needed(block.base, if block.stride == 0 { 1 } else { LEAF }, last.max(0) as usize);
+            let last = (i64::from(s.origin[0]) + i64::from(s.size) - 1 - i64::from(origin[0])) / BRICK as i64;
+            values.needed(s.base, if s.leaf { LEAF } else { 1 }, last.max(0) as usize);
         }
-        let origins = self.blocks.iter().map(|b| (b.2.base, b.0)).collect();
-        let layout = Layout::Sparse { blocks, origins, range, count: values.len() / channels };
+        let layout = Layout::Sparse { blocks, stored, range, count: values.len() / channels };
         let filter = Filter::Trilinear;
         let frame = Frame { channels, background, filter, world_from_index, index_from_world, origin, dims, clip };
-        drop(self.blocks);
         Ok(Grid::assemble(frame, Arc::new(layout), values))
     }
 }

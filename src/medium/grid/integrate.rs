@@ -5,7 +5,7 @@
 //! Constant bricks take one product. Integrals are over t: with |w| = 1 they are lengths.
 
 use super::bricks::{BRICK, ROW, SLAB, WINDOW};
-use super::nodes::{NodeId, weights};
+use super::nodes::{BrickIds, NodeId, weights};
 use super::traverse::Ray;
 use super::{Grid, Span, SpanIter, corners, mix};
 use crate::math::{DVec3, Rgb};
@@ -389,6 +389,80 @@ impl Grid {
                     }
                 }
             }
+        }
+    }
+}
+
+/// Corners of a cell in nodes of the brick, z fastest.
+const CORNERS: [usize; 8] = [0, 1, ROW, ROW + 1, SLAB, SLAB + 1, SLAB + ROW, SLAB + ROW + 1];
+
+/// Weights that a ray gives to the corners of its cells: those that the next cell shares are added up before they are handed on.
+struct Trail<'a> {
+    ids: BrickIds<'a>,
+    /// Lowest node of the cell at hand.
+    local: usize,
+    weights: [f64; 8],
+}
+
+impl Trail<'_> {
+    /// Hand on the corners of which `bits & mask` is `side`.
+    #[inline]
+    fn leave(&mut self, mask: usize, side: usize, f: &mut impl FnMut(u32, f64)) {
+        for k in (0..8).filter(|k| k & mask == side) {
+            let (node, w) = (self.local + CORNERS[k], std::mem::take(&mut self.weights[k]));
+            if w != 0.0 {
+                if let Some(index) = self.ids.active(node) {
+                    f(index, w);
+                }
+            }
+        }
+    }
+
+    /// Go on to a cell.
+    #[inline]
+    fn go(&mut self, local: usize, f: &mut impl FnMut(u32, f64)) {
+        let step = local.wrapping_sub(self.local) as isize;
+        const STRIDES: [isize; 3] = [1, ROW as isize, SLAB as isize];
+        match STRIDES.iter().position(|&s| s == step.abs()) {
+            _ if step == 0 => {}
+            Some(axis) => {
+                let bit = 1 << axis;
+                let (left, kept) = if step > 0 { (0, bit) } else { (bit, 0) };
+                self.leave(bit, left, f);
+                for k in (0..8).filter(|k| k & bit == 0) {
+                    self.weights.swap(k | kept, k | left);
+                }
+            }
+            None => self.leave(0, 0, f),
+        }
+        self.local = local;
+    }
+}
+
+impl Grid {
+    /// Integrals of the interpolation weights of active voxels over t in [t0, t1]: `f(index, weight)`, a voxel several times. As
+    /// [`Grid::integrate_nodes`] otherwise.
+    pub fn integrate_active(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, f: &mut impl FnMut(u32, f64)) {
+        let spans = self.single_spans(o, w, t0, t1);
+        let ray = spans.ray;
+        let [_, ny, nz] = self.frame.dims;
+        for span in spans {
+            let Some(brick) = span.brick.index() else { continue };
+            let ids = self.layout.brick(&self.frame, [brick / (ny * nz), brick / nz % ny, brick % nz]);
+            // A brick of one value (or none) needs no cells.
+            if ids.uniform().is_some() {
+                if let Some(index) = ids.active(0) {
+                    f(index, span.t1 - span.t0);
+                }
+                continue;
+            }
+            let mut trail = Trail { ids, local: 0, weights: [0.0; 8] };
+            for cell in self.cells(&ray, brick, span.t0, span.t1).filter(|cell| cell.t0 < cell.t1) {
+                trail.go(cell.local, f);
+                let own = cell.weight_integrals(&ray, self.smooth);
+                trail.weights.iter_mut().zip(own).for_each(|(a, b)| *a += b);
+            }
+            trail.leave(0, 0, f);
         }
     }
 }

@@ -10,6 +10,7 @@
 //! conversion costs less than the memory access. Internally, positions are in *table space*: index space with the table's
 //! corner at 0, so that inside tests and integer parts come from the same rounded number.
 
+mod active;
 mod bricks;
 mod builder;
 mod integrate;
@@ -23,6 +24,7 @@ pub mod vol;
 use crate::math::{DAffine3, DVec3, Rgb};
 use std::sync::Arc;
 
+pub use active::Mask;
 pub use builder::{Allowed, BadVoxel, GridBuilder, GridSource, Repaired};
 pub use nodes::NodeId;
 pub use traverse::{BrickRef, Span, SpanIter};

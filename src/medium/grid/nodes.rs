@@ -3,23 +3,48 @@
 //! A voxel of a leaf or of a dense array has a slot of its own, a tile has one for all of its nodes, the background has
 //! none. Nodes repeated in several bricks, or by clamping at the border of a dense array, share their slot.
 
-use super::bricks::{BRICK, ROW};
-use super::{Frame, Grid};
+use super::bricks::{BRICK, ROW, SLAB};
+use super::{Frame, Grid, Mask};
 use crate::math::DVec3;
+
+/// Nodes of a leaf.
+pub(super) const LEAF: usize = BRICK * BRICK * BRICK;
 
 /// The slot of a stored value, `0..node_count()`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId(pub u32);
 
-/// Which slots the 8^3 nodes of a block have: `base + stride * local`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Block {
+/// No leaf or tile.
+pub(super) const BACKGROUND: u32 = u32::MAX;
+
+/// A leaf or a tile as it was given.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stored {
+    /// First slot.
     pub base: u32,
-    /// 1 a leaf, 0 a tile.
-    pub stride: u32,
+    /// Lowest node, edge in nodes.
+    pub origin: [i32; 3],
+    pub size: i32,
+    pub leaf: bool,
+    /// Active voxels; a tile is or is not.
+    pub active: Mask,
+    /// Active voxels before it, and in it before each word of the mask.
+    pub rank: u32,
+    pub before: [u16; 8],
 }
 
-pub(super) const BACKGROUND: Block = Block { base: u32::MAX, stride: 0 };
+/// Of every node of a brick, which of the eight blocks that it touches holds it, and as which of the block's nodes: `block << 9 | local`.
+static PLACES: [u16; SLAB * ROW] = {
+    let mut places = [0; SLAB * ROW];
+    let mut node = 0;
+    while node < places.len() {
+        let [x, y, z] = [node / SLAB, node / ROW % ROW, node % ROW];
+        let block = (x / BRICK * 2 + y / BRICK) * 2 + z / BRICK;
+        places[node] = (block << 9 | (x % BRICK) << 6 | (y % BRICK) << 3 | z % BRICK) as u16;
+        node += 1;
+    }
+    places
+};
 
 /// The relation of nodes to slots.
 #[derive(Clone, Debug)]
@@ -27,10 +52,10 @@ pub(super) enum Layout {
     /// A full array, x fastest, repeated at its border.
     Dense { res: [usize; 3] },
     Sparse {
-        /// One block per brick of the table: the one whose lowest node is the brick's.
-        blocks: Vec<Block>,
-        /// First slot and lowest node of every leaf and tile, by slot.
-        origins: Vec<(u32, [i32; 3])>,
+        /// Of every brick of the table, which leaf or tile holds its lowest node.
+        blocks: Vec<u32>,
+        /// Every leaf and tile, by slot.
+        stored: Vec<Stored>,
         /// Nodes outside of this inclusive range are background.
         range: ([i32; 3], [i32; 3]),
         count: usize,
@@ -39,7 +64,7 @@ pub(super) enum Layout {
 
 impl Default for Layout {
     fn default() -> Self {
-        Layout::Sparse { blocks: Vec::new(), origins: Vec::new(), range: ([0; 3], [-1; 3]), count: 0 }
+        Layout::Sparse { blocks: Vec::new(), stored: Vec::new(), range: ([0; 3], [-1; 3]), count: 0 }
     }
 }
 
@@ -50,9 +75,11 @@ pub(super) enum BrickIds<'a> {
         res: &'a [usize; 3],
     },
     Sparse {
-        blocks: [Block; 8],
+        blocks: [Option<&'a Stored>; 8],
         /// Range of nodes that are not background, in nodes of the brick.
         range: ([i64; 3], [i64; 3]),
+        /// All nodes of the brick are within.
+        whole: bool,
     },
 }
 
@@ -67,7 +94,7 @@ impl Layout {
     pub(super) fn bytes(&self) -> usize {
         match self {
             Layout::Dense { .. } => 0,
-            Layout::Sparse { blocks, origins, .. } => size_of_val(&blocks[..]) + size_of_val(&origins[..]),
+            Layout::Sparse { blocks, stored, .. } => size_of_val(&blocks[..]) + size_of_val(&stored[..]),
         }
     }
 
@@ -75,14 +102,18 @@ impl Layout {
         let origin: [i64; 3] = std::array::from_fn(|a| i64::from(frame.origin[a]) + (brick[a] * BRICK) as i64);
         match self {
             Layout::Dense { res } => BrickIds::Dense { origin, res },
-            Layout::Sparse { blocks, range, .. } => {
+            Layout::Sparse { blocks, stored, range, .. } => {
                 let [nx, ny, nz] = frame.dims;
                 let at = |k: usize| {
                     let [x, y, z] = [brick[0] + (k >> 2), brick[1] + (k >> 1 & 1), brick[2] + (k & 1)];
-                    if x < nx && y < ny && z < nz { blocks[(x * ny + y) * nz + z] } else { BACKGROUND }
+                    let inside = x < nx && y < ny && z < nz;
+                    let block = if inside { blocks[(x * ny + y) * nz + z] } else { BACKGROUND };
+                    stored.get(block as usize)
                 };
                 let shift = |p: &[i32; 3]| std::array::from_fn(|a| i64::from(p[a]) - origin[a]);
-                BrickIds::Sparse { blocks: std::array::from_fn(at), range: (shift(&range.0), shift(&range.1)) }
+                let range = (shift(&range.0), shift(&range.1));
+                let whole = (0..3).all(|a| range.0[a] <= 0 && range.1[a] >= BRICK as i64);
+                BrickIds::Sparse { blocks: std::array::from_fn(at), range, whole }
             }
         }
     }
@@ -97,27 +128,48 @@ impl BrickIds<'_> {
                 let at = |a: usize| (origin[a] + node[a] as i64).clamp(0, res[a] as i64 - 1) as usize;
                 Some(((at(2) * res[1] + at(1)) * res[0] + at(0)) as u32)
             }
-            BrickIds::Sparse { blocks, range } => {
-                let [x, y, z] = node;
-                let block = blocks[(x / BRICK * 2 + y / BRICK) * 2 + z / BRICK];
-                let mut inside = true;
-                for a in 0..3 {
-                    inside &= range.0[a] <= node[a] as i64 && node[a] as i64 <= range.1[a];
-                }
-                let local = (x % BRICK * BRICK + y % BRICK) * BRICK + z % BRICK;
-                (inside & (block.base != u32::MAX)).then(|| block.base + block.stride * local as u32)
+            BrickIds::Sparse { .. } => {
+                let (block, local) = self.stored(node)?;
+                Some(if block.leaf { block.base + local as u32 } else { block.base })
             }
         }
     }
 
+    /// Which of the grid's active voxels a node is, counted in nodes of the brick; `None` for all that are not.
+    #[inline]
+    pub(super) fn active(&self, node: usize) -> Option<u32> {
+        let coordinates = || [node / SLAB, node / ROW % ROW, node % ROW];
+        match self {
+            BrickIds::Dense { .. } => self.get(coordinates()),
+            BrickIds::Sparse { blocks, whole: true, .. } => {
+                let place = PLACES[node] as usize;
+                blocks[place >> 9].and_then(|b| b.index(place & (LEAF - 1)))
+            }
+            BrickIds::Sparse { .. } => self.stored(coordinates()).and_then(|(block, local)| block.index(local)),
+        }
+    }
+
+    /// Who holds a node, and as which of its 8^3 nodes.
+    #[inline]
+    fn stored(&self, node: [usize; 3]) -> Option<(&Stored, usize)> {
+        let BrickIds::Sparse { blocks, range, .. } = self else { return None };
+        let [x, y, z] = node;
+        let block = blocks[(x / BRICK * 2 + y / BRICK) * 2 + z / BRICK]?;
+        let mut inside = true;
+        for a in 0..3 {
+            inside &= range.0[a] <= node[a] as i64 && node[a] as i64 <= range.1[a];
+        }
+        inside.then(|| (block, (x % BRICK * BRICK + y % BRICK) * BRICK + z % BRICK))
+    }
+
     /// The one slot of all nodes, if that is plain to see.
     pub(super) fn uniform(&self) -> Option<Option<u32>> {
-        let BrickIds::Sparse { blocks, range } = self else { return None };
-        let same = blocks[0].stride == 0 && blocks.iter().all(|b| *b == blocks[0]);
-        let whole = (0..3).all(|a| range.0[a] <= 0 && range.1[a] >= BRICK as i64);
+        let BrickIds::Sparse { blocks, whole, .. } = self else { return None };
+        let base = |b: &Option<&Stored>| b.map(|b| b.base);
+        let same = blocks.iter().all(|b| base(b) == base(&blocks[0]));
         match blocks[0] {
-            BACKGROUND if same => Some(None),
-            Block { base, .. } if same && whole => Some(Some(base)),
+            None if same => Some(None),
+            Some(tile) if same && *whole && !tile.leaf => Some(Some(tile.base)),
             _ => None,
         }
     }
@@ -172,6 +224,24 @@ impl Grid {
         std::array::from_fn(|k| (ids[k], w[k]))
     }
 
+    /// The same for active voxels, by their indices ([`Grid::active_index`]): all others are left out.
+    pub fn active_nodes(&self, p_world: DVec3, mut f: impl FnMut(u32, f64)) {
+        let q = self.table_from_world.transform_point3(p_world);
+        if self.locate(q).is_none() {
+            return;
+        }
+        let cell: [usize; 3] = [q.x as usize, q.y as usize, q.z as usize];
+        let [x, y, z] = std::array::from_fn(|a| (q[a] - cell[a] as f64) * self.smooth);
+        let ids = self.layout.brick(&self.frame, cell.map(|i| i / BRICK));
+        for (k, w) in weights(x, y, z).into_iter().enumerate() {
+            let at = |a: usize| cell[a] % BRICK + (k >> (2 - a) & 1);
+            let node = (at(0) * ROW + at(1)) * ROW + at(2);
+            if let Some(index) = ids.active(node).filter(|_| w != 0.0) {
+                f(index, w);
+            }
+        }
+    }
+
     /// The slot of the node at an index position.
     pub fn node_at(&self, node: [i32; 3]) -> Option<NodeId> {
         match &*self.layout {
@@ -195,9 +265,8 @@ impl Grid {
         let i = id.0 as usize;
         match &*self.layout {
             Layout::Dense { res } => [i % res[0], i / res[0] % res[1], i / res[0] / res[1]].map(|x| x as i32),
-            Layout::Sparse { origins, .. } => {
-                let k = origins.partition_point(|o| o.0 <= id.0) - 1;
-                let (base, origin) = origins[k];
+            Layout::Sparse { stored, .. } => {
+                let Stored { base, origin, .. } = stored[stored.partition_point(|s| s.base <= id.0) - 1];
                 let local = (id.0 - base) as i32;
                 [origin[0] + (local >> 6), origin[1] + (local >> 3 & 7), origin[2] + (local & 7)]
             }

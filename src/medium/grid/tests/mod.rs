@@ -5,6 +5,7 @@ use crate::math::rng::Rng;
 use crate::math::{DMat3, DVec3};
 use std::collections::HashMap;
 
+mod active;
 mod field;
 mod line;
 

@@ -1,0 +1,134 @@
+//! Voxels of a medium's grids as arrays: `smoke.sigma_t.grid`, and the same for albedo, emission and temperature.
+//!
+//! The numbers are the grid's raw values (density before `scale`, emission before `emission_scale`, temperatures before they become kelvin) at its active voxels; an active tile is one number, because one value holds
+//! for all of its voxels. What is not active has no slot, whatever light finds there; [`Scene::dilate`] makes its neighbours active.
+
+use super::arrays::{self, Target, kind_of, too_many};
+use super::desc::suggest;
+use super::parts::{MediumPart, Parts, VolumePart};
+use super::{Scene, SceneDesc};
+use crate::error::{Error, Result};
+use crate::math::{DAffine3, DMat3, DVec3};
+use crate::medium::grid::Filter;
+use crate::medium::{NO_SLOT, Volume};
+use crate::native::vdb;
+use crate::params::{Array, Owner, Quantity};
+use std::sync::Arc;
+
+/// The volume of a medium that carries a quantity.
+fn volume(m: &MediumPart<f64>, quantity: Quantity) -> Option<&VolumePart<f64>> {
+    match quantity {
+        Quantity::SigmaT => Some(&m.density),
+        Quantity::Albedo => Some(&m.albedo),
+        Quantity::Glow => m.emission.as_ref().filter(|e| e.heat.is_none()).map(|e| &e.volume),
+        Quantity::Temperature => m.emission.as_ref().filter(|e| e.heat.is_some()).map(|e| &e.volume),
+        _ => None,
+    }
+}
+
+/// The medium `object`, if a grid of its carries the quantity that `name` asks for. Refused by name: everything else.
+pub(super) fn medium(parts: &Parts<f64>, name: &str, object: &str, quantity: Quantity) -> Result<usize> {
+    let fail = |what: String, remedy: String| Err(Error::usage(format!("`--wrt {name}`: {what}"), remedy));
+    let has_grid = |m: &MediumPart<f64>| volume(m, quantity).is_some_and(|v| v.to_world().is_some());
+    let ours = || {
+        let names: Vec<&str> = parts.media.iter().filter(|m| has_grid(m)).map(|m| m.name.as_str()).collect();
+        match names[..] {
+            [] => format!("no medium of the scene has a grid of {}", quantity.name()),
+            _ => suggest(object, names.iter().copied()),
+        }
+    };
+    let mut found = parts.media.iter().enumerate().filter(|(_, m)| m.name == object);
+    let Some((index, m)) = found.next() else {
+        return match kind_of(parts, object) {
+            Some(kind) => fail(format!("`{object}` is {kind}, which has no voxels"), ours()),
+            None => fail(format!("the scene has no medium `{object}`"), ours()),
+        };
+    };
+    if found.next().is_some() {
+        return fail(format!("several media are called `{object}`"), "give each an id of its own".into());
+    }
+    if has_grid(m) {
+        return Ok(index);
+    }
+    let what = quantity.name();
+    let other = match quantity {
+        Quantity::Glow => Quantity::Temperature,
+        Quantity::Temperature => Quantity::Glow,
+        q => q,
+    };
+    let constant = format!("differentiate by a `$parameter` in place of the {what}");
+    match volume(m, quantity) {
+        Some(_) => fail(format!("the {what} of `{object}` is constant and has no grid"), constant),
+        None if volume(m, other).is_some_and(|v| v.to_world().is_some()) => {
+            let name = format!("{object}.{}.grid", other.name());
+            fail(format!("`{object}` has no {what}, but a grid of {}", other.name()), format!("give `--wrt {name}`"))
+        }
+        None => fail(format!("`{object}` has no {what}"), ours()),
+    }
+}
+
+impl Scene {
+    /// Make slots for the active voxels.
+    pub(super) fn open_voxels(&mut self, name: &str, index: usize, quantity: Quantity) -> Result<()> {
+        let m = &mut self.media[index];
+        let owner = m.name.clone();
+        let Some((Volume::Grid(g), first)) = m.volume_mut(quantity) else { return Ok(()) };
+        if *first != NO_SLOT {
+            return Ok(());
+        }
+        let count = g.active_count();
+        if count == 0 {
+            let what = format!("`--wrt {name}`: the grid has no active voxel");
+            return Err(Error::usage(what, "activate the voxels that are to be parameters, at density 0 if need be"));
+        }
+        let slots = self.slots.push_array(Owner::Medium(index), &owner, quantity, count * g.channels());
+        *first = slots.ok_or_else(|| too_many(name, count))?;
+        Ok(())
+    }
+
+    /// Make the neighbours of active voxels active, in the grids among these arrays: before they are opened.
+    pub fn dilate(&mut self, desc: &SceneDesc, names: &[String]) -> Result<()> {
+        let parts = Parts::read(desc, &desc.values::<f64>())?;
+        for name in names.iter().filter(|n| arrays::is_voxels(n)) {
+            let Target::Voxels(index, quantity) = arrays::target(&parts, name)? else { continue };
+            let Some((Volume::Grid(g), _)) = self.media[index].volume_mut(quantity) else { continue };
+            let wider = g
+                .dilated()
+                .map_err(|what| Error::usage(format!("`--wrt {name}`: dilated, {what}"), "leave out --dilate"))?;
+            *g = Arc::new(wider);
+        }
+        Ok(())
+    }
+
+    /// Numbers of an array of voxels (of [`Array::shape`], row by row) as a grid like the one they belong to: the transform of its file, so that the
+    /// volume's `to_world` places both alike, its leaves, its tiles. `None`: another kind of array.
+    pub fn in_grid(&self, desc: &SceneDesc, array: &Array, numbers: &[f64]) -> Result<Option<vdb::WriteGrid>> {
+        if !arrays::is_voxels(&array.name) {
+            return Ok(None);
+        }
+        let parts = Parts::read(desc, &desc.values::<f64>())?;
+        let Target::Voxels(index, quantity) = arrays::target(&parts, &array.name)? else { return Ok(None) };
+        let Some((g, _)) = self.media[index].grid_of(quantity) else { return Ok(None) };
+        let world_from_index = match volume(&parts.media[index], quantity) {
+            Some(VolumePart::Vdb { file, .. }) => vdb::info(&file.path, &file.select)?.world_from_index,
+            // The unit cube.
+            _ => {
+                let shift = if g.filter() == Filter::Trilinear { 0.5 } else { 0.0 };
+                let size = g.resolution().map(|n| n as f64);
+                let size = DVec3::from(size);
+                DAffine3 { matrix3: DMat3::from_diagonal(size.recip()), translation: shift / size }
+            }
+        };
+        let (leaves, tiles) = g.in_leaves(numbers);
+        Ok(Some(vdb::WriteGrid {
+            name: array.name.clone(),
+            channels: g.channels(),
+            world_from_index,
+            background: 0.0,
+            leaves,
+            tiles,
+            class: "unknown".into(),
+            half: false,
+        }))
+    }
+}
