@@ -66,7 +66,7 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
             WarningKind::LightBehindGlass,
             &part.span,
             format!("beam `{}` is mirrored and refracted more often than it is followed", part.name),
-            "set max_depth to 14 or less: then all of its ways are there".into(),
+            "set max_depth to 14 or less, or use fewer mirrors and panes".into(),
         ));
     }
     let coarse = scene.bounds.magnitude() > 1e5 * scene.bounds.radius();

@@ -77,15 +77,22 @@ fn corners(s: &Shape, face: u32) -> Vec<DVec3> {
     }
 }
 
+/// Twice the area of a polygon, with the sign of its sense.
+fn turn(p: &[DVec2]) -> f64 {
+    (1..p.len().saturating_sub(1)).map(|i| (p[i] - p[0]).perp_dot(p[i + 1] - p[0])).sum()
+}
+
+fn area(p: &[DVec2]) -> f64 {
+    0.5 * turn(p).abs()
+}
+
 /// A convex polygon within another.
 fn clip(polygon: &[DVec2], by: &[DVec2]) -> Vec<DVec2> {
-    let cross = |a: DVec2, b: DVec2| a.perp_dot(b);
-    let turn = |p: &[DVec2]| (1..p.len().saturating_sub(1)).map(|i| cross(p[i] - p[0], p[i + 1] - p[0])).sum::<f64>();
     let side = turn(by).signum();
     let mut left = polygon.to_vec();
     for i in 0..by.len() {
         let (a, b) = (by[i], by[(i + 1) % by.len()]);
-        let inside = |p: DVec2| side * cross(b - a, p - a);
+        let inside = |p: DVec2| side * (b - a).perp_dot(p - a);
         let mut next = Vec::new();
         for k in 0..left.len() {
             let (p, q) = (left[k], left[(k + 1) % left.len()]);
@@ -108,17 +115,21 @@ struct Search<'a> {
     frame: (DVec3, DVec3),
     depth: usize,
     found: Vec<Way>,
-    cut: bool,
+    /// Ways are too many, or too long.
+    crowded: bool,
+    long: bool,
+    /// A border of an open face stands in the beam.
+    parted: bool,
 }
 
 impl Search<'_> {
     /// `polygon`: where the beam crosses its own plane on this way; `inside`: closed shapes that it is in.
     fn grow(&mut self, way: Way, polygon: &[DVec2], inside: &[u32]) {
         if self.found.len() >= WAYS {
-            self.cut = true;
+            self.crowded = true;
             return;
         }
-        let (steps, w) = (way.steps.len(), way.w);
+        let steps = way.steps.len();
         if steps < self.depth {
             for (id, s) in self.scene.shapes.iter().enumerate() {
                 let surface = &self.scene.surfaces[s.surface as usize];
@@ -126,8 +137,8 @@ impl Search<'_> {
                     (0..s.shape.face_count()).for_each(|f| self.at(&way, id as u32, f, surface, polygon, inside));
                 }
             }
-        } else if w != DVec3::ZERO && steps == STEPS {
-            self.cut = true;
+        } else {
+            self.long |= steps == STEPS;
         }
         self.found.push(way);
     }
@@ -170,6 +181,8 @@ impl Search<'_> {
                 return;
             }
         }
+        // A disk's border is not clipped by.
+        self.parted |= !closed && (corners.is_empty() || area(&left) < area(polygon) * (1.0 - 1e-9));
         for (ray, gain) in outgoing(surface, n, way.w) {
             let gain = way.gain * gain;
             if gain.max() < GAIN {
@@ -222,6 +235,8 @@ pub struct Beams {
     pub ways: Vec<Way>,
     /// Beams some of whose ways are left out, because they are too long or too many.
     pub cut: Vec<u32>,
+    /// Beams that a border of an open mirror or interface parts.
+    pub parted: Vec<u32>,
 }
 
 impl Scene {
@@ -234,10 +249,18 @@ impl Scene {
             let square = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| DVec2::new(x, y) * size);
             let depth = (self.settings.max_depth.saturating_sub(2) as usize).min(STEPS);
             let frame = warp::frame(direction);
-            let mut search = Search { scene: self, position, frame, depth, found: Vec::new(), cut: false };
-            search.grow(Way { light: id as u32, steps: Vec::new(), w: direction, gain: Rgb::ONE }, &square, &[]);
-            if search.cut && self.settings.max_depth as usize > STEPS + 2 {
+            let found = Vec::new();
+            let mut search =
+                Search { scene: self, position, frame, depth, found, crowded: false, long: false, parted: false };
+            let within = |s: &Instance| matches!(&s.shape, Shape::Cube(c) if c.placement.local_point(position).abs().max_element() < 1.0);
+            let inside: Vec<u32> =
+                (0..self.shapes.len() as u32).filter(|&i| within(&self.shapes[i as usize])).collect();
+            search.grow(Way { light: id as u32, steps: Vec::new(), w: direction, gain: Rgb::ONE }, &square, &inside);
+            if search.crowded || search.long && self.settings.max_depth as usize > STEPS + 2 {
                 beams.cut.push(id as u32);
+            }
+            if search.parted {
+                beams.parted.push(id as u32);
             }
             beams.ways.extend(search.found);
         }

@@ -30,6 +30,8 @@ const PATH_CAP: u64 = 50_000_000;
 
 /// See [`Scene::uniform_share`].
 pub(super) const UNIFORM_SHARE: f64 = 0.25;
+/// [`Scene::least_through`], where it is not 0.
+const LEAST_THROUGH: f64 = 0.2;
 
 /// Derivative vertices take over from collision scores below this many collisions per extent of a medium.
 const KAPPA_SHARE: f64 = 0.3;
@@ -105,6 +107,7 @@ impl Scene {
             has_glass,
             exact_transmittance: false,
             uniform_share: 0.0,
+            least_through: 0.0,
             shapes,
             surfaces,
             media,
@@ -135,6 +138,9 @@ impl Scene {
         scene.prepare_beams();
         if can_move(desc, &scene)? {
             scene.uniform_share = UNIFORM_SHARE;
+        }
+        if scene.uniform_share > 0.0 || can_refract(desc)? {
+            scene.least_through = LEAST_THROUGH;
         }
         super::advice::advise(&mut scene, &parts);
         Ok(scene)
@@ -167,6 +173,18 @@ fn can_move(desc: &SceneDesc, scene: &Scene) -> Result<bool> {
             vertices && x.iter().any(|x| x.d[0] != 0.0)
         };
         if parts.movable().into_iter().any(moves) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Whether a parameter can change an index of refraction.
+fn can_refract(desc: &SceneDesc) -> Result<bool> {
+    for k in 0..desc.params.len() {
+        let slots = Parts::read(desc, &desc.dual(k))?.slots();
+        let mut indices = slots.iter().filter(|s| s.quantity == Quantity::Ior).flat_map(|s| &s.values);
+        if indices.any(|x| x.d[0] != 0.0) {
             return Ok(true);
         }
     }

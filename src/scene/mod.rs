@@ -34,7 +34,7 @@ use crate::math::discrete::Discrete;
 use crate::medium::Medium;
 use crate::params::{Mover, Slot, SlotTable};
 use crate::sensor::Sensor;
-use crate::shape::{Bounds, Shape};
+use crate::shape::{Bounds, Geometry, Shape};
 use crate::surface::Surface;
 use geometry::Group;
 
@@ -56,6 +56,11 @@ pub struct Instance {
 }
 
 impl Instance {
+    /// Whether the front of a sphere is its inside.
+    fn is_inside_out(&self) -> bool {
+        matches!(&self.shape, Shape::Sphere(q) if self.shape.normal(0, q.center + DVec3::X * q.radius).x < 0.0)
+    }
+
     /// The medium on the far side of a crossing along `w`.
     pub fn medium_behind(&self, w: DVec3, n: DVec3, current: Option<u32>) -> Option<u32> {
         if !self.boundary {
@@ -74,10 +79,15 @@ impl Scene {
         self.surfaces[s.surface as usize].is_null()
     }
 
-    /// Whether light jumps where rays graze the shape: not at glass and mirrors without edges, which reflect all of it straight on.
+    /// Whether light jumps where rays graze the shape: not at balls of glass and mirrors that do not shine, which reflect all of it straight on.
     pub fn has_outline(&self, s: &Instance) -> bool {
-        let surface = &self.surfaces[s.surface as usize];
-        !(surface.is_null() || surface.is_smooth() && matches!(s.shape, Shape::Sphere(_)))
+        let reflects = match &self.surfaces[s.surface as usize] {
+            Surface::Null => return false,
+            Surface::Dielectric { .. } => true,
+            Surface::Conductor { two_sided, .. } => *two_sided || !s.is_inside_out(),
+            Surface::Diffuse { .. } => false,
+        };
+        !(reflects && s.light.is_none() && matches!(s.shape, Shape::Sphere(_)))
     }
 
     /// Whether the shape does nothing but part media.
@@ -143,6 +153,8 @@ pub struct Scene {
     /// Share of uniform directions among those that leave a surface by the cosine: where anything can move, scores like 1/cos must have a
     /// second moment ([T] 2.3). It depends on the scene's parameters alone, so that every picture of it has the same bits.
     pub uniform_share: f64,
+    /// The least probability of going on through an interface that does not reflect all: where a parameter can change how much goes either way.
+    pub least_through: f64,
     /// Probability of every light for a connection, and of every light with a position for the equi-angular one.
     pub selection: Discrete,
     /// All lights for connections if they are few, more than one, and at infinity; otherwise none.

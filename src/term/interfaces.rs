@@ -8,8 +8,9 @@ use super::Motion;
 use crate::error::{Error, Result};
 use crate::light::LightKind;
 use crate::params::ParamSet;
-use crate::scene::{Instance, Scene};
-use crate::shape::Shape;
+use crate::scene::beams::is_flat;
+use crate::scene::{Instance, On, Scene};
+use crate::shape::{Geometry, Shape};
 
 /// Whether all of a smooth surface has one face only, without creases. The border of an open one counts as out of sight: light that goes around it is of no medium.
 fn is_one_face(s: &Shape) -> bool {
@@ -40,13 +41,23 @@ pub fn check(scene: &Scene, motion: &Motion, params: &ParamSet) -> Result<()> {
         );
         return Err(Error::usage(what, "interfaces may be spheres, rectangles and disks here"));
     }
-    let outlined = |s: &&Instance| !scene.is_null(s) && !scene.surfaces[s.surface as usize].is_smooth();
-    if let Some(s) = scene.shapes.iter().find(outlined) {
+    if let Some(s) = scene.shapes.iter().find(|s| is_outlined(scene, s)) {
         let what = format!(
             "`{name}` mirrors or refracts: how the outlines of `{}` move, seen by way of it, cannot be told yet",
             s.name
         );
         return Err(Error::usage(what, "light such a scene by an environment or by media that emit"));
+    }
+    touching(scene)?;
+    rims_of_balls(scene, motion)?;
+    let outer = scene.sensors.first().and_then(|s| scene.outer_medium(s.to_world.translation, s.medium));
+    let endless = outer.filter(|&m| scene.environment.is_some() && scene.media[m as usize].density_grid().is_some());
+    if let Some(m) = endless {
+        let what = format!(
+            "the medium `{}` has no end before the environment, and rays turn in it: this cannot be differentiated yet",
+            scene.media[m as usize].name
+        );
+        return Err(Error::usage(what, "bound the medium by a shape with a null bsdf"));
     }
     if let Some(l) = scene.lights.iter().find(|l| l.is_delta()) {
         let what = format!(
@@ -58,17 +69,81 @@ pub fn check(scene: &Scene, motion: &Motion, params: &ParamSet) -> Result<()> {
     Ok(())
 }
 
+/// Whether its outline may be seen by way of an interface.
+fn is_outlined(scene: &Scene, s: &Instance) -> bool {
+    let smooth = scene.surfaces[s.surface as usize].is_smooth();
+    !scene.is_null(s) && (!smooth || s.light.is_some() || matches!(s.shape, Shape::Sphere(_)) && scene.has_outline(s))
+}
+
+/// Faces that meet have an edge between them.
+fn touching(scene: &Scene) -> Result<()> {
+    let smooth: Vec<&Instance> =
+        scene.shapes.iter().filter(|s| scene.surfaces[s.surface as usize].is_smooth()).collect();
+    for (i, a) in smooth.iter().enumerate() {
+        let meets = |b: &&&Instance| a.shape.bounds().gap(&b.shape.bounds()) == 0.0;
+        if let Some(b) = smooth[i + 1..].iter().find(meets).filter(|b| is_flat(&a.shape) && is_flat(&b.shape)) {
+            let what = format!(
+                "`{}` and `{}` mirror or refract and may meet: rays part there, which cannot be differentiated yet",
+                a.name, b.name
+            );
+            return Err(Error::usage(what, "keep them apart"));
+        }
+    }
+    Ok(())
+}
+
+/// Light that a ball mirrors straight on at its rim has scattered once more than what passes beside it: it jumps where that counts.
+fn rims_of_balls(scene: &Scene, motion: &Motion) -> Result<()> {
+    let set = &scene.settings;
+    let ball = |i: &usize| {
+        let s = &scene.shapes[*i];
+        let smooth = scene.surfaces[s.surface as usize].is_smooth() && matches!(s.shape, Shape::Sphere(_));
+        smooth && (motion.moving.camera || motion.moves(*i as u32))
+    };
+    for s in (0..scene.shapes.len()).filter(ball).map(|i| &scene.shapes[i]) {
+        let fog = s.exterior.filter(|_| s.boundary).or_else(|| scene.outer_medium(s.shape.bounds().max * 2.0, None));
+        let scatters = fog.is_some_and(|m| scene.media[m as usize].sigma_s.max() > 0.0);
+        let jumps = set.hide_emitters || set.min_order > 0 || set.max_depth < 2 || scatters && set.max_depth < u32::MAX;
+        if jumps {
+            let what = format!(
+                "at the rim of `{}` light counts one scattering more than beside it, and some numbers of scatterings are left out: how the rim moves cannot be told yet",
+                s.name
+            );
+            return Err(Error::usage(what, "leave out --orders and hide_emitters; beside fog, set max_depth to -1"));
+        }
+    }
+    Ok(())
+}
+
 /// Where beams are and anything moves: nothing may cut them.
 fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
     let beam = scene.lights.iter().find(|l| matches!(l.kind, LightKind::Beam { .. }));
     let Some(beam) = beam.filter(|_| motion.surfaces()) else { return Ok(()) };
-    let outlined = |s: &&Instance| !scene.is_null(s) && !scene.surfaces[s.surface as usize].is_smooth();
-    if let Some(s) = scene.shapes.iter().find(outlined) {
+    let curved = |s: &Instance| scene.surfaces[s.surface as usize].is_smooth() && !is_flat(&s.shape);
+    if let Some(s) = scene.shapes.iter().find(|s| is_outlined(scene, s) || curved(s)) {
         let what = format!(
             "`{}` may stand in the beam `{}`: how its shadow there moves cannot be told yet",
             s.name, beam.name
         );
         return Err(Error::usage(what, "take it out, or use a directional light"));
+    }
+    for (i, l) in scene.lights.iter().enumerate() {
+        let LightKind::Beam { position, direction, .. } = l.kind else { continue };
+        if scene.beams.parted.contains(&(i as u32)) {
+            let what = format!(
+                "the beam `{}` falls over the border of a mirror or interface: how that moves cannot be told yet",
+                l.name
+            );
+            return Err(Error::usage(what, "make what it falls on larger; a Gaussian beam has six radii"));
+        }
+        let outer = scene.sensors.first().and_then(|s| scene.outer_medium(s.to_world.translation, s.medium));
+        if scene.medium_toward(position, direction, &On::default(), outer).is_some() {
+            let what = format!(
+                "the beam `{}` begins inside a medium, and something moves: this cannot be differentiated yet",
+                l.name
+            );
+            return Err(Error::usage(what, "let it begin outside"));
+        }
     }
     Ok(())
 }

@@ -176,7 +176,8 @@ impl Motion {
         if self.surfaces() {
             // One of them moves, or the camera: the curve itself would have to be known.
             let concerned = |&&(a, b): &&(u32, u32)| {
-                let moves = self.moving.camera || self.moves(a) || self.moves(b);
+                let smooth = |k: u32| scene.surfaces[scene.shapes[k as usize].surface as usize].is_smooth();
+                let moves = self.moving.camera || self.moves(a) || self.moves(b) || smooth(a) || smooth(b);
                 moves && (a != b || self.moving.bends(a))
             };
             if let Some(&(a, b)) = self.crossed.iter().find(concerned) {

@@ -46,7 +46,7 @@ fn turns(scene: &Scene, moving: &Moving, way: &Way, points: &[DVec3]) -> Vec<Vel
     list
 }
 
-/// Back from a point in motion to the beam: calls `each` with every line and its direction, returns where the last one starts, and how that moves.
+/// Back from a point in motion to the beam: calls `each` with every line, its start, direction and length, returns where the last one starts, and how that moves.
 fn back(
     scene: &Scene,
     moving: &Moving,
@@ -54,7 +54,7 @@ fn back(
     points: &[DVec3],
     turns: &[Velocity],
     (x, start): (DVec3, Velocity),
-    mut each: impl FnMut(&FilmLine, DVec3),
+    mut each: impl FnMut(&FilmLine, (DVec3, DVec3), f64),
 ) -> (DVec3, Velocity) {
     let turned = |k: usize| turns[k].mapped(-DMat3::IDENTITY);
     let (mut o, mut w, mut start) = (x, -way.w, start);
@@ -62,8 +62,9 @@ fn back(
         let left = points.len() - k;
         let ray = MovingRay::From { o, w, start: start.clone(), turn: turned(left) };
         let line = FilmLine { scene, moving, ray: &ray };
-        each(&line, w);
-        let Some(&p) = points.get(k) else { break };
+        let next = points.get(k);
+        each(&line, (o, w), next.map_or(f64::INFINITY, |p| (*p - o).dot(w)));
+        let Some(&p) = next else { break };
         let s = &way.steps[left - 1];
         start = line.slide(&s.specular(scene, p), w);
         (o, w) = (p, -s.before);
@@ -88,7 +89,7 @@ pub fn distance_forms(
         return;
     };
     let turns = turns(scene, moving, way, &points);
-    let (o, start) = back(scene, moving, way, &points, &turns, (x, start), |_, _| {});
+    let (o, start) = back(scene, moving, way, &points, &turns, (x, start), |_, _, _| {});
     let m = (entry - *position).normalize();
     start.forms(scene, sensor, m, &mut out);
     let along = (o - *position).dot(*direction);
@@ -120,8 +121,13 @@ impl Connection<'_> {
         }
         // Back from the vertex.
         let from = (self.x, Velocity::of(Source::Here, self.x));
-        let (o, start) = back(scene, moving, way, &points, &turns, from, |line, w| {
-            for piece in self.pieces.iter().filter(|p| p.w == w) {
+        // In the order in which the line back passes them.
+        let mut left = self.pieces;
+        let (o, start) = back(scene, moving, way, &points, &turns, from, |line, (o, w), length| {
+            let own = left.iter().take_while(|p| p.w == w && (p.end() - o).dot(w) <= length * (1.0 + 1e-9)).count();
+            let (pieces, rest) = left.split_at(own);
+            left = rest;
+            for piece in pieces {
                 for (velocity, form) in line.ends(piece).iter().zip(piece.depth_forms(scene)) {
                     apply(velocity, &form.weighed(-self.value), cx.sink);
                 }

@@ -1,7 +1,8 @@
 //! Smooth interfaces on a walk: mirrored and refracted rays ([T] section 6.1).
 //!
 //! A ray that only such interfaces have turned since the camera is still a camera line, and treated like one ([`super::camera_line`]); at the first interface that it meets both
-//! rays are followed, at any later one, and on all other paths, one of them, by its share of the light. No connection crosses an interface: what lies behind is found by directions, whose
+//! rays are followed, at any later one, and on all other paths, one of them, by its share of the light (but no more often mirrored than leaves some to go through, where a derivative may ask how that changes: `1 - F ~ δ^1/2` near the
+//! critical angle, whose score δ^-1 has no second moment where it is drawn with that probability). No connection crosses an interface: what lies behind is found by directions, whose
 //! weight against connections is then whole.
 
 use super::camera_line;
@@ -79,6 +80,7 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         }
         [Some(mirrored), Some(refracted)] => {
             let f = mirrored.weight.mean();
+            let f = f.min(1.0 - w.scene.least_through);
             if s.rng.uniform() < f {
                 follow(s, &mirrored, f, false);
             } else {

@@ -179,15 +179,23 @@ impl Candidates {
 
     /// A uniform point on the walked part of a span: `E[length g(U)] = integral of T g` [T] (53).
     fn span(&mut self, span: &MediumSpan, prefix: &Prefix) {
-        let length = span.t1 - span.t0;
-        if !self.facts.media[span.medium as usize].source || length <= 0.0 {
+        if !self.facts.media[span.medium as usize].source {
+            return;
+        }
+        // Nothing scatters, nor could, where a grid is not.
+        let (t0, t1) = match self.facts.media[span.medium as usize].model.density_grid() {
+            Some(grid) if span.t1 == f64::INFINITY => grid.clip_ray(span.o, span.w, span.t0, span.t1),
+            _ => (span.t0, span.t1),
+        };
+        let length = t1 - t0;
+        if length.is_nan() || length <= 0.0 {
             return;
         }
         if length == f64::INFINITY {
             self.unbounded += 1;
             return;
         }
-        let t = span.t0 + self.rng.uniform() * length;
+        let t = t0 + self.rng.uniform() * length;
         let m = &self.facts.media[span.medium as usize].model;
         let weight = super::tracking::walked_weight(m, span, t, prefix.beta, prefix.r) * length;
         let whole = MediumSpan { t1: prefix.t_end, ..*span };

@@ -94,6 +94,7 @@ const MIRROR: &str = r#"<scene version="3.0.0"><default name="angle" value="40"/
     <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="tent"/></film></sensor>
   <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="40"/><rotate z="1" angle="$angle"/><translate y="$up"/></transform>
     <bsdf type="conductor"><rgb name="eta" value="0.3,0.2,0.5"/><float name="k" value="$k"/></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="400"/><translate y="2.6"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
   <emitter type="collimated"><transform name="to_world"><rotate x="1" angle="90"/><translate x="$bx" y="3"/></transform>
     <float name="radius" value="$r"/><string name="profile" value="gaussian"/><float name="irradiance" value="5"/></emitter></scene>"#;
 
