@@ -196,7 +196,7 @@ fn nothing_is_written_on_usage_and_scene_errors() {
         ("grad fog.xml --wrt sigmat", "did you mean `sigma_t`"),
         ("grad fog.xml --wrt sigma_t,sigma_t", "twice"),
         ("grad fog.xml --wrt depth", "an integer"),
-        ("grad fog.xml --wrt fog.sigma_t.grid", "not available yet"),
+        ("grad fog.xml --wrt fog.sigma_t.grid", "an array has a gradient"),
         ("grad fog.xml --wrt sigma_t --terms virtual_edge", "not available yet"),
         ("grad fog.xml --wrt sigma_t --terms interio", "did you mean `interior`"),
         ("grad fog.xml --wrt sigma_t --loss l2", "--target"),
