@@ -45,11 +45,11 @@ fn d2_hard_beam_through_a_plane() {
     let e = forward(&text, &names, 1 << 16);
     check("L", &e[0], 0.02005692160479, 0.005);
     for ((e, name), truth) in e[1..].iter().zip(names).zip(truths) {
-        // The film is not quite a point.
+        // One exact crossing a ray; a room's rays are a whole number near rate x samples, so that one of some 2^18 may be missing.
         if e.error[0] > 1e-6 {
             check(&format!("dL/d{name}"), e, truth, 0.005);
         } else {
-            assert!((e.value[0] / truth - 1.0).abs() < 1e-6, "{name}: {} {truth}", e.value[0]);
+            assert!((e.value[0] / truth - 1.0).abs() < 1e-5, "{name}: {} {truth}", e.value[0]);
         }
     }
     // The edge has a room of its own, and nothing is right without it.
