@@ -36,7 +36,7 @@ pub struct Way {
     pub gain: Rgb,
 }
 
-/// Planes on a way at most, ways of a beam at most, and the least share of light.
+/// Planes on a way at most, ways of a beam at most, and the least share of light: below a single-precision picture's last digit.
 const STEPS: usize = 12;
 const WAYS: usize = 1024;
 const GAIN: f64 = 1e-8;
@@ -44,6 +44,16 @@ const GAIN: f64 = 1e-8;
 const GAUSSIAN: f64 = 6.0;
 
 impl Way {
+    /// A point on the line through the beam's own plane that leads to `x`, as if nothing of the line could lie behind a plane.
+    pub fn origin(&self, x: DVec3) -> DVec3 {
+        let (mut p, mut w) = (x, self.w);
+        for s in self.steps.iter().rev() {
+            p -= w * ((p - s.p).dot(s.n) / w.dot(s.n));
+            w = s.before;
+        }
+        p
+    }
+
     /// Where the line that reaches `x` comes from: points on the planes, from the last one to the first, and then on the beam's own.
     pub fn trace(&self, scene: &Scene, x: DVec3, points: &mut Vec<DVec3>) -> Option<DVec3> {
         points.clear();
@@ -159,23 +169,15 @@ impl Search<'_> {
         }
         let mut left = polygon.to_vec();
         if !corners.is_empty() {
-            let mut points = Vec::new();
             let ahead = |way: &Way, p: DVec3| way.steps.last().map(|s| (p - s.p).dot(s.n) * s.n.dot(way.w) > 0.0);
             if corners.iter().all(|&c| ahead(way, c) == Some(false)) {
                 return;
             }
-            let on_plane = |c: &DVec3, points: &mut Vec<DVec3>| {
-                // Corners behind a plane of the way are seen as if its line went on.
-                let (mut p, mut w) = (*c, way.w);
-                for s in way.steps.iter().rev() {
-                    p -= w * ((p - s.p).dot(s.n) / w.dot(s.n));
-                    w = s.before;
-                }
-                points.push(p);
-                let m = p - self.position;
+            let on_plane = |c: &DVec3| {
+                let m = way.origin(*c) - self.position;
                 DVec2::new(m.dot(self.frame.0), m.dot(self.frame.1))
             };
-            let seen: Vec<DVec2> = corners.iter().map(|c| on_plane(c, &mut points)).collect();
+            let seen: Vec<DVec2> = corners.iter().map(on_plane).collect();
             left = clip(&left, &seen);
             if left.is_empty() {
                 return;

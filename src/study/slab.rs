@@ -68,7 +68,7 @@ pub struct Slab {
 }
 
 impl Slab {
-    pub fn new(tau: f64, albedo: f64, g: f64) -> Self {
+    pub const fn new(tau: f64, albedo: f64, g: f64) -> Self {
         Slab {
             tau,
             albedo,
@@ -83,18 +83,7 @@ impl Slab {
         }
     }
 
-    pub const BENIGN: Slab = Slab {
-        tau: 1.0,
-        albedo: 0.9,
-        g: 0.0,
-        n: 1.0,
-        unit: 1.0,
-        shift: 0.0,
-        radiance: 1.0,
-        distance: 0.005,
-        inside: false,
-        planes: false,
-    };
+    pub const BENIGN: Slab = Slab::new(1.0, 0.9, 0.0);
 
     /// From the name of a case of `slab_values.csv`, as `slab_t1e5_a1m1e-8_g0.9_n1`.
     fn parse(case: &str) -> Option<Slab> {

@@ -137,12 +137,7 @@ fn edges(scene: &Scene, way: &Way, span: &MediumSpan) -> Vec<(f64, f64)> {
     };
     // The distance is affine along a line: two points tell it.
     let across = |t: f64| {
-        let (mut p, mut w) = (span.o + span.w * t, way.w);
-        for s in way.steps.iter().rev() {
-            p -= w * ((p - s.p).dot(s.n) / w.dot(s.n));
-            w = s.before;
-        }
-        let m = p - position;
+        let m = way.origin(span.o + span.w * t) - position;
         m - direction * m.dot(direction)
     };
     let scale = if span.t1.is_finite() { span.t1 - span.t0 } else { scene.bounds.radius().max(radius) };

@@ -7,7 +7,6 @@
 use super::Motion;
 use crate::error::{Error, Result};
 use crate::light::LightKind;
-use crate::params::ParamSet;
 use crate::scene::beams::is_flat;
 use crate::scene::{Instance, On, Scene};
 use crate::shape::{Geometry, Shape};
@@ -17,7 +16,7 @@ fn is_one_face(s: &Shape) -> bool {
     matches!(s, Shape::Sphere(_) | Shape::Rectangle(_) | Shape::Disk(_))
 }
 
-pub fn check(scene: &Scene, motion: &Motion, params: &ParamSet) -> Result<()> {
+pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     beams(scene, motion)?;
     let smooth = |s: &&Instance| scene.surfaces[s.surface as usize].is_smooth();
     let Some(interface) = scene.shapes.iter().find(smooth) else { return Ok(()) };
@@ -30,8 +29,8 @@ pub fn check(scene: &Scene, motion: &Motion, params: &ParamSet) -> Result<()> {
         );
         return Err(Error::usage(what, "differentiate with respect to something else, or take the interface out"));
     }
-    let index = scene.surfaces.iter().any(|s| s.refracts_by(params));
-    if !motion.surfaces() && !index {
+    // An index that changes moves what is behind it.
+    if !motion.surfaces() {
         return Ok(());
     }
     if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| !is_one_face(&s.shape)) {
@@ -137,7 +136,9 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
             return Err(Error::usage(what, "make what it falls on larger; a Gaussian beam has six radii"));
         }
         let outer = scene.sensors.first().and_then(|s| scene.outer_medium(s.to_world.translation, s.medium));
-        if scene.medium_toward(position, direction, &On::default(), outer).is_some() {
+        // Told by an interface before it, or else by one behind it.
+        let behind = scene.medium_toward(position, -direction, &On::default(), outer);
+        if scene.medium_toward(position, direction, &On::default(), behind).is_some() {
             let what = format!(
                 "the beam `{}` begins inside a medium, and something moves: this cannot be differentiated yet",
                 l.name

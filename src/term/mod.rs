@@ -166,7 +166,7 @@ impl Motion {
                 "move it a little off what it touches, or give it a beam_width below its cutoff_angle",
             ));
         }
-        interfaces::check(scene, self, params)?;
+        interfaces::check(scene, self)?;
         if let Some(name) = &self.glowing_null {
             return Err(Error::usage(
                 format!("the lamp `{name}` has a null bsdf, and something moves: this cannot be differentiated yet"),

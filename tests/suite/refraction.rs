@@ -168,6 +168,20 @@ fn outlines_by_way_of_glass_are_refused() {
         let error = job(&sc, 4, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(error.contains(what), "{name}: {error}");
     };
+    // What only the scene itself can tell, no plan.
+    let rejected = |text: &str, name: &str, what: &str| {
+        let (desc, sc) = scene(text);
+        let p = sc.param_set(&desc, &[name.to_string()]).unwrap();
+        let error = job(&sc, 4, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains(what), "{name}: {error}");
+    };
+    let hidden = ball().replace(
+        "<integrator type=\"volpath\">",
+        "<integrator type=\"volpath\"><boolean name=\"hide_emitters\" value=\"true\"/>",
+    );
+    rejected(&hidden, "x", "at the rim of");
+    rejected(&MIRROR.replace(r#"<scale value="40"/>"#, r#"<scale value="0.5"/>"#), "bx", "falls over the border");
+    rejected(&MIRROR.replace(r#"<translate y="2.6"/>"#, r#"<translate y="4"/>"#), "bx", "begins inside a medium");
     let with = |more: &str| ball().replace("</scene>", &format!("{more}</scene>"));
     let floor = r#"<shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/><translate y="-2"/></transform><bsdf type="diffuse"/></shape>"#;
     refused(&with(floor), "ior", "floor");

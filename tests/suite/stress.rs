@@ -6,7 +6,7 @@
 use tyndall::study::{StressOptions, StressRow, Suite, Summary, Verdict, run};
 
 /// Rows that are known not to be ok, by what the engine still lacks. They may become ok.
-const OPEN: [(&str, &str, Verdict); 7] = [
+const OPEN: [(&str, &str, Verdict); 5] = [
     // The film's quantum rests on a pilot of 512 paths: what it misses may be too large.
     ("film-accumulation", "1 beside 1e-30", Verdict::Nan),
     // Samples that are not finite are counted, but not at their pixel.
@@ -14,9 +14,7 @@ const OPEN: [(&str, &str, Verdict); 7] = [
     // Directions are drawn without regard to where an interface begins to reflect all: derivatives by an index have heavy tails there.
     ("ior-1.0001", "R_1:d_n", Verdict::Noise),
     ("ior-1.0001", "T_1:d_n", Verdict::Noise),
-    ("ior-2.4-conservative", "R_1:d_n", Verdict::Noise),
     ("white-furnace-glass", "n1.0001:d_n", Verdict::Noise),
-    ("white-furnace-glass", "n1.33:d_n", Verdict::Noise),
 ];
 
 fn rows(options: &StressOptions) -> (Vec<StressRow>, Summary) {
