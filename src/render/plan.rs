@@ -107,7 +107,8 @@ impl Term {
             Term::M => !m.other_volume,
             Term::S => true,
             Term::H => !m.other_volume,
-            Term::G | Term::R | Term::E1 | Term::E2 | Term::E3 => !unknown,
+            Term::E1 | Term::E2 | Term::E3 | Term::VE => !m.other_volume,
+            Term::G | Term::R => !unknown,
             Term::N => !unknown && !m.box_border,
             _ => false,
         }

@@ -128,6 +128,14 @@ impl EdgeSet {
         self.pairs.get(i).map_or_else(|| self.shared[i - self.pairs.len()].faces[0].0, |p| p.shape)
     }
 
+    /// Whether any of the shapes of an edge is one of these.
+    pub fn any(&self, i: usize, of: impl Fn(u32) -> bool) -> bool {
+        match self.pairs.get(i) {
+            Some(p) => of(p.shape),
+            None => self.shared[i - self.pairs.len()].faces.iter().any(|f| of(f.0)),
+        }
+    }
+
     /// Where an edge is, and the corners of its faces where it has two, at no cost.
     pub fn ends(&self, scene: &Scene, i: usize) -> Ends {
         let Some(pair) = self.pairs.get(i) else {

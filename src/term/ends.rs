@@ -171,25 +171,43 @@ pub fn beyond(
     end: Option<Hit>,
     medium: Option<u32>,
     hide: bool,
-    mut rng: Rng,
+    rng: Rng,
 ) -> ByOrder {
+    sent(cx, o, w, end, medium, hide, rng).map_or_else(ByOrder::default, |(_, _, light)| light)
+}
+
+/// The same, with the point that it leaves and the distance of that.
+pub fn sent(
+    cx: &mut Context,
+    o: DVec3,
+    w: DVec3,
+    end: Option<Hit>,
+    medium: Option<u32>,
+    hide: bool,
+    mut rng: Rng,
+) -> Option<(Point, f64, ByOrder)> {
     let length = end.as_ref().map_or(f64::INFINITY, |h| (h.p - o).dot(w).max(0.0));
     let Some(way) = Line::clear(cx.scene, o, w, length, medium) else {
         cx.tally.missed_boundary += 1;
-        return ByOrder::default();
+        return None;
     };
     let inside = medium_share(cx.scene, &way, end.is_some());
     // Without media both sides of an edge have the same random numbers.
     if inside > 0.0 && rng.uniform() < inside {
-        let found = medium_end(cx, &way, o, w, &mut rng);
-        return found.map_or_else(ByOrder::default, |(_, _, mut light)| {
-            light.scale(Rgb::splat(1.0 / inside));
-            light
-        });
+        let (point, distance, mut light) = medium_end(cx, &way, o, w, &mut rng)?;
+        light.scale(Rgb::splat(1.0 / inside));
+        return Some((point, distance, light));
     }
     let mut light = radiance(cx, o, w, end.map_or(Stage::Escape, Stage::Surface), way.last, hide, rng);
     light.scale(way.transmittance() * (1.0 / (1.0 - inside)));
-    light
+    let (point, distance) = far_end(cx.scene, end, length);
+    Some((point, distance, light))
+}
+
+/// What the surface at the end of a segment, at this distance, is for the segment's motion: one that goes on at a smooth surface holds its direction, as one that leaves the scene does.
+pub fn far_end(scene: &Scene, end: Option<Hit>, distance: f64) -> (Point, f64) {
+    let smooth = |h: &Hit| scene.surfaces[scene.shapes[h.shape as usize].surface as usize].is_smooth();
+    end.filter(|h| !smooth(h)).map_or((Point::Infinity, f64::INFINITY), |h| (Point::Surface(h), distance))
 }
 
 /// A point whose motion is asked for.
@@ -236,6 +254,11 @@ impl Watch {
             Some(p) => watch.beyond(cx, p),
             None => watch,
         }
+    }
+
+    /// A vertex of a leg that begins so.
+    pub fn of(first: First, place: Nth) -> Watch {
+        Watch { first, place }
     }
 
     /// The same beginning, for the point that comes after the one at hand.

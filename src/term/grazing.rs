@@ -93,13 +93,13 @@ impl Edges {
         }
         let set = motion.edges(scene);
         let aim = Aim::new(scene, motion);
-        // Of interfaces only those are let pass whose borders are out of sight ([`super::interfaces`]).
+        // Lines past smooth surfaces are `virtual_edge`'s.
         let smooth = |shape: u32| scene.surfaces[scene.shapes[shape as usize].surface as usize].is_smooth();
-        let parts = |shape: u32| if smooth(shape) { 0.0 } else { 1.0 };
+        let parts = |i: usize| f64::from(u8::from(!set.any(i, smooth)));
         let flat = |i: usize| {
             let Ends { a, b, pair } = set.ends(scene, i);
             let width = pair.map_or(PI, |corners| between(a, b, corners).1);
-            (b - a).length() * width * PI * aim.weight(motion, set.shape(i), (a + b) * 0.5) * parts(set.shape(i))
+            (b - a).length() * width * PI * aim.weight(motion, set.shape(i), (a + b) * 0.5) * parts(i)
         };
         let mut weights: Vec<f64> = (0..set.len()).into_par_iter().map(flat).collect();
         let mut curved = Vec::new();
@@ -125,7 +125,8 @@ impl Edges {
         for r in rims(scene, motion) {
             let Some(shape) = r.shapes().next() else { continue };
             let size = PI * (r.x.length() + r.y.length()) * TAU * wedge(&r.edge(0.0)).1;
-            weights.push(size * aim.weight(motion, shape, r.c) * parts(shape));
+            let opaque = f64::from(u8::from(!smooth(shape)));
+            weights.push(size * aim.weight(motion, shape, r.c) * opaque);
             curved.push(Element { grazed: r.grazed.clone(), curve: Curve::Rim(r) });
         }
         // Edges without length have no direction; no line grazes them.
@@ -328,8 +329,7 @@ impl Edges {
         let (scene, line) = (cx.scene, &g.line);
         let inside = ends::medium_share(scene, &g.far_way, g.far.is_some());
         let own = line.own;
-        let distance = g.far.as_ref().map_or(f64::INFINITY, |h| h.t);
-        let at = g.far.map_or(Point::Infinity, Point::Surface);
+        let (at, distance) = ends::far_end(scene, g.far, g.far.as_ref().map_or(f64::INFINITY, |h| h.t));
         let transmittance = g.far_way.transmittance();
         let met = |light: ByOrder| Some(Far { light, at, distance });
         if let Some((light, target)) = line.target {

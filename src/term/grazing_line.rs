@@ -176,7 +176,7 @@ fn unblocked(edge: &Edge, normal: DVec3) -> Option<DVec3> {
 }
 
 /// A point of the segment from a to b by the angle that it subtends at p, and its density per length; `None` where p lies on its line.
-fn seen_on(a: DVec3, b: DVec3, p: DVec3, u: f64) -> Option<(DVec3, f64)> {
+pub(super) fn seen_on(a: DVec3, b: DVec3, p: DVec3, u: f64) -> Option<(DVec3, f64)> {
     let length = (b - a).length();
     let t = (b - a) / length;
     let angles = EquiAngular::new(p, a, t, 0.0, length);

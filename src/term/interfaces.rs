@@ -1,8 +1,8 @@
 //! What moves beside smooth interfaces and cannot be differentiated yet: refused by name.
 //!
-//! Behind an interface a camera ray turns with the index, with the interface and with the camera, and takes what it meets along (`transport::ray`). Whatever jumps there needs a
-//! term of its own: outlines seen by way of an interface, facets of a polygonal one, shadows cast through it ([T] section 3, E1 to E3 and VE of refracted vertices). A smooth silhouette
-//! of glass is no jump: at grazing all light is mirrored, straight on.
+//! Behind an interface a camera ray turns with the index, with the interface and with the camera, and takes what it meets along (`transport::ray`). Straight edges that it sees there, and those of
+//! the interface itself, are [`super::virtual_edge`]'s. What is left are outlines of curved things by way of an interface, and shadows of lights without extent that are cast through it. A smooth
+//! silhouette of glass is no jump: at grazing all light is mirrored, straight on.
 
 use super::Motion;
 use crate::error::{Error, Result};
@@ -10,11 +10,6 @@ use crate::light::LightKind;
 use crate::scene::beams::is_flat;
 use crate::scene::{Instance, On, Scene};
 use crate::shape::{Geometry, Shape};
-
-/// Whether all of a smooth surface has one face only, without creases. The border of an open one counts as out of sight: light that goes around it is of no medium.
-fn is_one_face(s: &Shape) -> bool {
-    matches!(s, Shape::Sphere(_) | Shape::Rectangle(_) | Shape::Disk(_))
-}
 
 pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     beams(scene, motion)?;
@@ -33,19 +28,29 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     if !motion.surfaces() {
         return Ok(());
     }
-    if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| !is_one_face(&s.shape)) {
+    if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| matches!(s.shape, Shape::Cylinder(_))) {
         let what = format!(
-            "`{}` mirrors or refracts and has edges, at which rays part: what moves beside it cannot be differentiated yet, nor its index",
+            "`{}` mirrors or refracts: what moves beside a cylinder that does cannot be differentiated yet, nor its index",
             s.name
         );
-        return Err(Error::usage(what, "interfaces may be spheres, rectangles and disks here"));
+        return Err(Error::usage(what, "interfaces may be spheres, rectangles, disks, cubes and meshes here"));
     }
-    if let Some(s) = scene.shapes.iter().find(|s| is_outlined(scene, s)) {
+    if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| s.light.is_some()) {
         let what = format!(
-            "`{name}` mirrors or refracts: how the outlines of `{}` move, seen by way of it, cannot be told yet",
+            "`{}` mirrors or refracts, and is a lamp: what moves beside it cannot be differentiated yet",
             s.name
         );
-        return Err(Error::usage(what, "light such a scene by an environment or by media that emit"));
+        return Err(Error::usage(what, "give the lamp a diffuse bsdf"));
+    }
+    if let Some(s) = scene.shapes.iter().find(|s| is_outlined(scene, s) && !has_straight_edges(s)) {
+        let what = format!(
+            "`{name}` mirrors or refracts: how the outline of `{}` moves, seen by way of it, cannot be told yet",
+            s.name
+        );
+        return Err(Error::usage(
+            what,
+            "only what has straight edges may stand beside interfaces: rectangles, cubes, meshes",
+        ));
     }
     touching(scene)?;
     rims_of_balls(scene, motion)?;
@@ -74,6 +79,11 @@ fn is_outlined(scene: &Scene, s: &Instance) -> bool {
     !scene.is_null(s) && (!smooth || s.light.is_some() || matches!(s.shape, Shape::Sphere(_)) && scene.has_outline(s))
 }
 
+/// Whether [`super::virtual_edge`] knows all of its edges.
+fn has_straight_edges(s: &Instance) -> bool {
+    matches!(s.shape, Shape::Rectangle(_) | Shape::Cube(_) | Shape::Mesh(_))
+}
+
 /// Faces that meet have an edge between them.
 fn touching(scene: &Scene) -> Result<()> {
     let smooth: Vec<&Instance> =
@@ -94,21 +104,31 @@ fn touching(scene: &Scene) -> Result<()> {
 /// Light that a ball mirrors straight on at its rim has scattered once more than what passes beside it: it jumps where that counts.
 fn rims_of_balls(scene: &Scene, motion: &Motion) -> Result<()> {
     let set = &scene.settings;
+    let smooth = |s: &Instance| scene.surfaces[s.surface as usize].is_smooth();
+    let several = scene.shapes.iter().filter(|s| smooth(s)).count() > 1;
+    // Seen by the camera itself, or by way of another interface; other rims are `virtual_edge`'s.
     let ball = |i: &usize| {
         let s = &scene.shapes[*i];
-        let smooth = scene.surfaces[s.surface as usize].is_smooth() && matches!(s.shape, Shape::Sphere(_));
-        smooth && (motion.moving.camera || motion.moves(*i as u32))
+        let moves = several || motion.moving.camera || motion.moves(*i as u32);
+        smooth(s) && matches!(s.shape, Shape::Sphere(_)) && moves
     };
+    let opaque = scene.shapes.iter().any(|s| !scene.is_null(s) && !smooth(s));
     for s in (0..scene.shapes.len()).filter(ball).map(|i| &scene.shapes[i]) {
         let fog = s.exterior.filter(|_| s.boundary).or_else(|| scene.outer_medium(s.shape.bounds().max * 2.0, None));
         let scatters = fog.is_some_and(|m| scene.media[m as usize].sigma_s.max() > 0.0);
-        let jumps = set.hide_emitters || set.min_order > 0 || set.max_depth < 2 || scatters && set.max_depth < u32::MAX;
+        let jumps = set.hide_emitters
+            || set.min_order > 0
+            || set.max_depth < 2
+            || (scatters || opaque) && set.max_depth < u32::MAX;
         if jumps {
             let what = format!(
                 "at the rim of `{}` light counts one scattering more than beside it, and some numbers of scatterings are left out: how the rim moves cannot be told yet",
                 s.name
             );
-            return Err(Error::usage(what, "leave out --orders and hide_emitters; beside fog, set max_depth to -1"));
+            return Err(Error::usage(
+                what,
+                "leave out --orders and hide_emitters; beside fog and surfaces, set max_depth to -1",
+            ));
         }
     }
     Ok(())

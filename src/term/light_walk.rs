@@ -351,7 +351,8 @@ fn fly(cx: &mut Context, s: &mut State) -> Option<(Vertex, Option<f64>)> {
         let surface = &scene.surfaces[shape.surface as usize];
         if !surface.is_null() {
             let vertex = Vertex { p: h.p, w: s.w, medium: s.medium, hit: Some(h) };
-            return surface.reflects(h.ns, -s.w).then_some((vertex, None));
+            // Beyond smooth surfaces is `virtual_edge`'s.
+            return (surface.reflects(h.ns, -s.w) && !surface.is_smooth()).then_some((vertex, None));
         }
         s.medium = shape.medium_behind(s.w, h.n, s.medium);
         s.on = s.on.crossed(&h, scene.tolerance(h.p));

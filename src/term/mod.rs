@@ -23,9 +23,12 @@ pub mod outline;
 pub mod per_vertex;
 pub mod pixel_edge;
 pub mod rims;
+pub mod seen_path;
 pub mod sheet;
 pub mod sheet_samples;
+pub mod shot;
 pub mod surface_edge;
+pub mod virtual_edge;
 pub mod wedge;
 
 use crate::error::{Error, Result};
@@ -292,8 +295,14 @@ pub trait Room: Send + Sync {
 }
 
 /// Names of all rooms.
-pub const ROOMS: [&str; 5] =
-    [light_shadow::NAME, hard_profile::NAME, pixel_edge::NAME, surface_edge::NAME, medium_edge::NAME];
+pub const ROOMS: [&str; 6] = [
+    light_shadow::NAME,
+    hard_profile::NAME,
+    pixel_edge::NAME,
+    surface_edge::NAME,
+    medium_edge::NAME,
+    virtual_edge::NAME,
+];
 
 /// The rooms that have anything to do for this motion, of those that `wanted` names.
 pub fn rooms(
@@ -313,6 +322,9 @@ pub fn rooms(
     }
     if wanted(pixel_edge::NAME) {
         v.extend(pixel_edge::PixelEdge::prepare(scene, sensor, motion, margin).map(|r| Box::new(r) as Box<dyn Room>));
+    }
+    if wanted(virtual_edge::NAME) {
+        v.extend(virtual_edge::VirtualEdge::prepare(scene, motion).map(|r| Box::new(r) as Box<dyn Room>));
     }
     let from_edges = wanted(surface_edge::NAME) || wanted(medium_edge::NAME);
     let edges = from_edges.then(|| grazing::Edges::new(scene, motion)).flatten().map(Arc::new);

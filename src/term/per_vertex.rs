@@ -11,20 +11,12 @@
 //! outward none of this is so. What both forms share are the elements and their table, visibility at an edge, the far end, and how ends move; each has its own measure,
 //! directions, near end, and importance.
 
-use super::ends::{Point, Watch};
 use super::grazing::Edges;
+use super::seen_path::{Path, Vertex};
 use super::{Context, Room, Sample};
 use super::{medium_edge, surface_edge};
 use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
-use crate::math::{DVec3, Rgb};
-use crate::phase::one_minus_cos;
-use crate::scene::Scene;
-use crate::surface::Surface;
-use crate::transport::camera_line;
-use crate::transport::first::Seen;
-use crate::transport::record::{MediumSpan, Recorder};
-use crate::transport::walk::{Stage, State, Walker};
 use std::sync::Arc;
 
 /// Which vertices look for edges.
@@ -55,12 +47,11 @@ impl PerVertex {
         &self,
         cx: &mut Context,
         path: &Path,
-        k: usize,
+        s: &Vertex,
         rng: &mut Rng,
         emit: &mut dyn FnMut(&Sample),
         film: [f64; 2],
     ) {
-        let s = &path.vertices[k];
         let Some((g, distance)) = self.edges.sample_from(cx, &s.point, rng) else { return };
         let weight = s.weight * s.scatter(cx.scene, g.w()) * g.scale;
         if weight.is_zero() {
@@ -73,7 +64,7 @@ impl PerVertex {
         if flux.is_zero() {
             return;
         }
-        let partials = g.motion(cx, &s.point, distance, &far, &path.watch(cx, k));
+        let partials = g.motion(cx, &s.point, distance, &far, &path.watch(cx, s));
         emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
     }
 }
@@ -90,11 +81,9 @@ impl Room for PerVertex {
         // The path takes the even numbers.
         let mut stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
         let path = Path::new(cx, film, *rng);
-        for k in 0..path.vertices.len() {
-            let on_surface = matches!(path.vertices[k].point, Point::Surface(_));
-            if on_surface == (self.at == At::Surfaces) {
-                self.look(cx, &path, k, &mut stream, emit, film);
-            }
+        // Behind interfaces it is `virtual_edge` that looks.
+        for v in path.vertices.iter().filter(|v| !v.is_behind() && v.on_surface() == (self.at == At::Surfaces)) {
+            self.look(cx, &path, v, &mut stream, emit, film);
         }
     }
 
@@ -103,98 +92,4 @@ impl Room for PerVertex {
     }
 
     fn outward(&self, _: &mut Context, _: &Numbers, _: &mut Rng, _: &mut dyn FnMut(&Sample)) {}
-}
-
-/// Where a camera path scatters.
-struct Vertex {
-    point: Point,
-    /// Direction of travel on arrival, away from the camera.
-    w: DVec3,
-    medium: Option<u32>,
-    /// The path's medium span that it lies on, where it is known: on camera lines.
-    span: Option<MediumSpan>,
-    /// Scatterings before it.
-    depth: u32,
-    /// Throughput up to here over its density, per volume with σ_s, per area without reflectance.
-    weight: Rgb,
-}
-
-impl Vertex {
-    /// Scattering of light from the direction d per solid angle of d, its cosine included. Without σ_s.
-    fn scatter(&self, scene: &Scene, d: DVec3) -> Rgb {
-        match &self.point {
-            Point::Surface(h) => match &scene.surfaces[scene.shapes[h.shape as usize].surface as usize] {
-                surface @ Surface::Diffuse { reflectance, .. } => *reflectance * surface.eval_unit(h.ns, -self.w, d),
-                _ => Rgb::ZERO,
-            },
-            _ => {
-                let phase = self.medium.map(|id| scene.media[id as usize].phase.eval(one_minus_cos(self.w, d)));
-                Rgb::splat(phase.unwrap_or(0.0))
-            }
-        }
-    }
-
-    /// As the first of its path.
-    fn seen(&self) -> Option<Seen> {
-        match self.point {
-            Point::Surface(hit) => Some(Seen::Surface { hit, w: self.w }),
-            Point::Medium(p) => self.span.map(|span| Seen::Medium { p, span }),
-            Point::Infinity => None,
-        }
-    }
-}
-
-/// The vertices of a camera path, chain by chain: each chain has one of every depth from 0 on.
-struct Path {
-    vertices: Vec<Vertex>,
-    max_depth: u32,
-}
-
-impl Path {
-    fn new(cx: &mut Context, film: [f64; 2], rng: Rng) -> Path {
-        let mut path = Path { vertices: Vec::new(), max_depth: cx.set.max_depth };
-        let (o, w) = cx.sensor.ray(film[0], film[1]);
-        let mut walker = Walker::new(cx.scene, cx.set, &mut path);
-        let start = camera_line::start(&mut walker, State::new(rng, o, w, cx.sensor.medium));
-        walker.run(start);
-        cx.tally = cx.tally.plus(&walker.tally);
-        path
-    }
-
-    /// How the path to its vertex k begins.
-    fn watch(&self, cx: &Context, k: usize) -> Watch {
-        let depth = self.vertices[k].depth as usize;
-        let first = &self.vertices[k - depth];
-        match depth {
-            0 => first.seen().map_or_else(Watch::default, |seen| Watch::seen(cx, seen)),
-            1 => Watch::new(cx, first.seen(), None),
-            _ => Watch::new(cx, first.seen(), Some(&self.vertices[k - depth + 1].point)),
-        }
-    }
-}
-
-impl Recorder for Path {
-    const ON: bool = false;
-    const CONNECTS: bool = false;
-
-    /// Called once a stage: the walk scatters at these, if it may.
-    fn checkpoint(&mut self, scene: &Scene, s: &State) -> bool {
-        let point = match s.stage {
-            Stage::Medium => Point::Medium(s.o),
-            Stage::Surface(hit) => {
-                let shape = &scene.shapes[hit.shape as usize];
-                if !scene.surfaces[shape.surface as usize].reflects(hit.ns, -s.w) {
-                    return false;
-                }
-                Point::Surface(hit)
-            }
-            _ => return false,
-        };
-        if s.depth + 1 < self.max_depth {
-            let weight = s.beta / s.r.mean();
-            let (w, medium, span, depth) = (s.w, s.medium, s.flight.span, s.depth);
-            self.vertices.push(Vertex { point, w, medium, span, depth, weight });
-        }
-        false
-    }
 }

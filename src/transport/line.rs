@@ -4,7 +4,7 @@ use super::record::MediumSpan;
 use super::tracking::{self, Forced};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
-use crate::scene::{On, Scene};
+use crate::scene::{Hit, On, Scene};
 
 /// One span of a line, with the optical depth in front of it and in it.
 pub struct Part {
@@ -50,6 +50,28 @@ impl Line {
             on = on.crossed(&h, scene.tolerance(h.p));
             o = h.p;
             left -= h.t;
+        }
+        None
+    }
+
+    /// From `o` on the faces `on`, in `medium`, to the first surface that is not passed unchanged, with that; `None` after too many interfaces.
+    pub fn to_surface(scene: &Scene, o: DVec3, w: DVec3, on: &On, medium: Option<u32>) -> Option<(Line, Option<Hit>)> {
+        let (mut line, mut at, mut on, mut medium) = (Line::default(), o, *on, medium);
+        for _ in 0..scene.max_interfaces {
+            let hit = scene.intersect(at, w, f64::INFINITY, &on, medium);
+            if let Some(id) = medium {
+                let length = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+                line.push(scene, MediumSpan::new(id, at, w, length, &on, hit.as_ref()));
+            }
+            line.last = medium;
+            let Some(h) = hit else { return Some((line, None)) };
+            let shape = &scene.shapes[h.shape as usize];
+            if !scene.is_null(shape) {
+                return Some((line, Some(Hit { t: (h.p - o).dot(w), ..h })));
+            }
+            medium = shape.medium_behind(w, h.n, medium);
+            on = on.crossed(&h, scene.tolerance(h.p));
+            at = h.p;
         }
         None
     }

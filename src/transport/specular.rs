@@ -44,13 +44,7 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
     }
     // `waits`: its chain begins when its turn comes.
     let mut follow = |s: &mut State, r: &Ray, p: f64, waits: bool| {
-        // Where faces coincide: what it has just left stays behind one that goes through, may be met again by one that is mirrored outside, and is out of
-        // reach of one that is mirrored inside.
-        s.on = match (r.through, s.w.dot(hit.n) > 0.0) {
-            (true, _) => s.on.crossed(hit, tolerance),
-            (false, false) => On::at(hit),
-            (false, true) => On::inside(hit),
-        };
+        s.on = left(&s.on, hit, s.w, r.through, tolerance);
         if r.through {
             s.medium = shape.medium_behind(s.w, hit.n, s.medium);
         }
@@ -90,8 +84,18 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
     }
 }
 
+/// What a ray along w starts on behind the surface. Where faces coincide: what it has just left stays behind one that goes through, may be met again by one that is mirrored outside, and
+/// is out of reach of one that is mirrored inside.
+pub(crate) fn left(on: &On, hit: &Hit, w: DVec3, through: bool, tolerance: f64) -> On {
+    match (through, w.dot(hit.n) > 0.0) {
+        (true, _) => on.crossed(hit, tolerance),
+        (false, false) => On::at(hit),
+        (false, true) => On::inside(hit),
+    }
+}
+
 /// By the shading normal; by the geometric one where that would send rays to the wrong side. With the normal.
-fn rays(surface: &Surface, hit: &Hit, w: DVec3) -> (DVec3, [Option<Ray>; 2]) {
+pub(crate) fn rays(surface: &Surface, hit: &Hit, w: DVec3) -> (DVec3, [Option<Ray>; 2]) {
     let rays = surface.rays(hit.ns, w);
     let came = hit.n.dot(w);
     let right = |r: &Ray| (hit.n.dot(r.w) * came > 0.0) == r.through;

@@ -1,0 +1,349 @@
+//! Shots: rays from an eye by way of smooth interfaces to a given point, such as one of an edge ([T] 6.2, 6.4).
+//!
+//! A chain of interfaces takes every ray of an eye to one line. Which of the eye's rays it takes to the point e is found by Newton's method on the ray itself, with dual numbers
+//! through the chain's planes and spheres as if they had no borders; then the ray is walked through the scene, and counts only if it meets just those faces. Its Jacobian
+//! is the area across the ray at e over the solid angle at the eye (over the area, for parallel rays): what [T] (47) and (48) have without the light's share.
+//!
+//! Nothing lists chains or their solutions. Both are drawn: a random ray finds a chain, Newton's method goes on from there. How probable the result was nobody knows, but
+//! the number of further trials until it is found once more has the mean 1/P (Booth, "Unbiased Monte Carlo Estimation of the Reciprocal of an Integral", 2007).
+
+use crate::math::fresnel::Interface;
+use crate::math::rng::Rng;
+use crate::math::{DVec2, DVec3, Dual, Real, Rgb, V3, warp};
+use crate::scene::{On, Scene};
+use crate::shape::{Geometry, Shape};
+use crate::surface::Surface;
+use crate::transport::line::Line;
+use crate::transport::ray::Specular;
+use crate::transport::specular;
+
+/// Two coordinates of an eye's rays.
+type D2 = Dual<2>;
+
+/// Trials before a shot counts as lost.
+const TRIALS: u32 = 1 << 20;
+/// How near to e, over the length of the way, a ray counts as a hit.
+const EXACT: f64 = 1e-11;
+/// How near to each other two solutions are the same.
+const SAME: f64 = 1e-6;
+/// How far before e, as a share of the last piece, a face may be met that e itself lies on.
+const AT_THE_EDGE: f64 = 1e-6;
+/// A random chain goes on behind an interface so often; where all is mirrored more often, because that costs no light.
+const GOES_ON: f64 = 0.4;
+const GOES_ON_MIRRORED: f64 = 0.7;
+/// A ray goes either way at least so often.
+const EITHER: f64 = 0.15;
+
+/// What holds for all rays of an eye.
+#[derive(Clone, Copy, Debug)]
+pub enum Eye {
+    /// They start here.
+    Point(DVec3),
+    /// They run along this unit direction.
+    Parallel(DVec3),
+}
+
+/// A ray of an eye.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    pub o: DVec3,
+    pub w: DVec3,
+}
+
+/// A face of a chain, and whether rays go through it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Step {
+    shape: u32,
+    face: u32,
+    through: bool,
+}
+
+impl Step {
+    fn of(s: &Specular) -> Step {
+        Step { shape: s.hit.shape, face: s.hit.face, through: s.through }
+    }
+}
+
+/// A ray that arrives.
+pub struct Shot {
+    pub start: Start,
+    pub chain: Vec<Specular>,
+    /// Direction and length of the last piece, which ends at e, and the medium before it.
+    pub w: DVec3,
+    pub distance: f64,
+    pub medium: Option<u32>,
+    /// Radiance that the eye gets of a unit at e.
+    pub weight: Rgb,
+    /// Area across the ray at e over the eye's solid angle or area.
+    pub spread: f64,
+}
+
+/// The ray as it leaves a chain.
+struct Left {
+    at: Start,
+    on: On,
+    medium: Option<u32>,
+    chain: Vec<Specular>,
+    weight: Rgb,
+}
+
+/// What the eye's rays begin in.
+#[derive(Clone, Copy)]
+pub struct Place {
+    pub on: On,
+    pub medium: Option<u32>,
+}
+
+/// Walk a ray through the scene; `choose` says at each smooth surface whether to go through (`None`: the chain ends before it), given the share that is mirrored.
+fn walk(
+    scene: &Scene,
+    start: Start,
+    place: &Place,
+    mut choose: impl FnMut(&Specular, f64, bool) -> Option<bool>,
+) -> Option<Left> {
+    let mut ray = Left { at: start, on: place.on, medium: place.medium, chain: Vec::new(), weight: Rgb::ONE };
+    loop {
+        let (line, hit) = Line::to_surface(scene, ray.at.o, ray.at.w, &ray.on, ray.medium)?;
+        let Some(hit) = hit else { return Some(ray) };
+        let shape = &scene.shapes[hit.shape as usize];
+        let surface = &scene.surfaces[shape.surface as usize];
+        if !surface.is_smooth() {
+            return Some(ray);
+        }
+        let (n, rays) = specular::rays(surface, &hit, ray.at.w);
+        let [mirrored, refracted] = rays;
+        let share = mirrored.map_or(0.0, |r| r.weight.mean());
+        let met = Specular { hit, n, w: ray.at.w, out: ray.at.w, through: false };
+        let Some(through) = choose(&met, share, refracted.is_some()) else { return Some(ray) };
+        let taken = if through { refracted? } else { mirrored? };
+        ray.chain.push(Specular { out: taken.w, through, ..met });
+        ray.on = specular::left(&ray.on, &hit, ray.at.w, through, scene.tolerance(hit.p));
+        ray.medium = if through { shape.medium_behind(ray.at.w, hit.n, line.last) } else { line.last };
+        ray.weight *= line.transmittance() * taken.weight;
+        ray.at = Start { o: hit.p, w: taken.w };
+    }
+}
+
+/// The faces of a random chain behind a ray, at least one; `None` where it meets none, or ends before it has one.
+fn random_chain(scene: &Scene, start: Start, place: &Place, rng: &mut Rng) -> Option<Vec<Step>> {
+    let mut lossless = false;
+    let mut first = true;
+    let left = walk(scene, start, place, |_, mirrored, passable| {
+        let on = if lossless { GOES_ON_MIRRORED } else { GOES_ON };
+        if !std::mem::take(&mut first) && rng.uniform() >= on {
+            return None;
+        }
+        lossless = !passable;
+        Some(passable && rng.uniform() >= mirrored.clamp(EITHER, 1.0 - EITHER))
+    })?;
+    (!left.chain.is_empty()).then(|| left.chain.iter().map(Step::of).collect())
+}
+
+/// A ray behind one more face of a chain, whose plane or sphere has no borders; `last`: the shape that it starts on.
+fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step, last: Option<u32>) -> Option<(V3<D2>, V3<D2>)> {
+    let instance = &scene.shapes[step.shape as usize];
+    let (p, n) = match &instance.shape {
+        Shape::Sphere(s) => {
+            let off = o - V3::constant(s.center);
+            let (b, r2) = (off.dot(d), s.radius * s.radius);
+            let q = b * b - (off.dot(off) - r2);
+            if q.v <= 0.0 {
+                return None;
+            }
+            let inside = last == Some(step.shape) || off.dot(off).v < r2;
+            let t = if inside { -b + q.sqrt() } else { -b - q.sqrt() };
+            let p = o + d * t;
+            if t.v <= 0.0 {
+                return None;
+            }
+            let front = s.normal(0, p.value()).dot(p.value() - s.center).signum();
+            (p, (p - V3::constant(s.center)) * Dual::constant(front / s.radius))
+        }
+        flat => {
+            let at = match flat {
+                Shape::Mesh(m) => m.corners(step.face)[0],
+                s => s.position(step.face, DVec2::splat(0.5)),
+            };
+            let n = V3::constant(flat.normal(step.face, at));
+            let t = n.dot(V3::constant(at) - o) / n.dot(d);
+            if t.v <= 0.0 || !t.v.is_finite() {
+                return None;
+            }
+            (o + d * t, n)
+        }
+    };
+    let c = n.dot(d);
+    let out = match &scene.surfaces[instance.surface as usize] {
+        Surface::Dielectric { interior, exterior, .. } if step.through => {
+            let front = c.v < 0.0;
+            let (n1, n2) = if front { (*exterior, *interior) } else { (*interior, *exterior) };
+            let (c, side) = if front { (-c, n) } else { (c, -n) };
+            Interface::new(c, Dual::constant(n1), Dual::constant(n2)).refract(d, side)?
+        }
+        _ => d - n * (c * 2.0),
+    };
+    Some((p, out.normalize()))
+}
+
+impl Eye {
+    /// The ray a little off `s`, along the two coordinates; the frame of the coordinates is told by w alone.
+    fn ray(&self, s: Start) -> (V3<D2>, V3<D2>) {
+        let (x, y) = warp::frame(s.w);
+        let off = V3::constant(x) * Dual::variable(0.0, 0) + V3::constant(y) * Dual::variable(0.0, 1);
+        match self {
+            Eye::Point(_) => (V3::constant(s.o), (V3::constant(s.w) + off).normalize()),
+            Eye::Parallel(_) => (V3::constant(s.o) + off, V3::constant(s.w)),
+        }
+    }
+
+    fn step(&self, s: Start, by: DVec2) -> Start {
+        let (x, y) = warp::frame(s.w);
+        let off = x * by.x + y * by.y;
+        match self {
+            Eye::Point(_) => Start { o: s.o, w: (s.w + off).normalize() },
+            Eye::Parallel(_) => Start { o: s.o + off, w: s.w },
+        }
+    }
+}
+
+/// Where a chain takes a ray: how far past e, across it, and the Jacobian of that.
+struct Miss {
+    off: DVec2,
+    by: [DVec2; 2],
+    length: f64,
+}
+
+fn miss(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], e: DVec3) -> Option<Miss> {
+    let (mut ray, mut last, mut length) = (eye.ray(start), None, 0.0);
+    for step in chain {
+        let o = ray.0.value();
+        ray = carry(scene, ray, step, last)?;
+        last = Some(step.shape);
+        length += (ray.0.value() - o).length();
+    }
+    let (o, d) = ray;
+    let off = V3::constant(e) - o;
+    let along = off.dot(d);
+    let across = d * along - off;
+    let (x, y) = warp::frame(d.value());
+    let (x, y) = (across.dot(V3::constant(x)), across.dot(V3::constant(y)));
+    let by = [DVec2::new(x.d[0], y.d[0]), DVec2::new(x.d[1], y.d[1])];
+    Some(Miss { off: DVec2::new(x.v, y.v), by, length: length + along.v.abs() })
+}
+
+/// The eye's ray that a chain takes to e, by Newton's method from `start`.
+fn solve(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], e: DVec3) -> Option<Start> {
+    let mut at = start;
+    let mut m = miss(scene, eye, at, chain, e)?;
+    for _ in 0..50 {
+        if m.off.length() <= EXACT * m.length {
+            return Some(at);
+        }
+        let [a, b] = m.by;
+        let det = a.perp_dot(b);
+        let by = DVec2::new(b.perp_dot(m.off), m.off.perp_dot(a)) / det;
+        let most = match eye {
+            Eye::Point(_) => 0.5,
+            Eye::Parallel(_) => 0.5 * m.length,
+        };
+        let by = by * (most / by.length()).min(1.0);
+        if !by.is_finite() {
+            return None;
+        }
+        // A step that loses the chain, or leads away from e, is halved.
+        let better = (0..20).find_map(|k| {
+            let next = eye.step(at, by * 0.5f64.powi(k));
+            let n = miss(scene, eye, next, chain, e)?;
+            (n.off.length() < m.off.length()).then_some((next, n))
+        });
+        // Nothing nearer: as near as rounding lets it come, or lost.
+        let Some(next) = better else { return (m.off.length() <= 1e3 * EXACT * m.length).then_some(at) };
+        (at, m) = next;
+    }
+    None
+}
+
+/// The eye's ray to e through this chain, if the scene lets it through.
+fn fire(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], e: DVec3) -> Option<Shot> {
+    let mut k = 0;
+    let left = walk(scene, start, place, |met, _, _| {
+        let step = chain.get(k).filter(|s| (s.shape, s.face) == (met.hit.shape, met.hit.face))?;
+        k += 1;
+        Some(step.through)
+    })?;
+    if k != chain.len() {
+        return None;
+    }
+    let w = left.at.w;
+    let distance = (e - left.at.o).dot(w);
+    let (_, hit) = Line::to_surface(scene, left.at.o, w, &left.on, left.medium)?;
+    // Where e lies on the chain's last face it is that face's border, not something behind it.
+    let on_the_last = left.chain.last().is_some_and(|_| distance <= SAME * (e - start.o).length());
+    if distance <= 0.0 || on_the_last || hit.is_some_and(|h| h.t < distance * (1.0 - AT_THE_EDGE)) {
+        return None;
+    }
+    let way = Line::clear(scene, left.at.o, w, distance, left.medium)?;
+    let [a, b] = miss(scene, eye, start, chain, e)?.by;
+    let spread = a.perp_dot(b).abs();
+    let weight = left.weight * way.transmittance();
+    (spread > 0.0 && spread.is_finite() && !weight.is_zero()).then_some(Shot {
+        start,
+        chain: left.chain,
+        w,
+        distance,
+        medium: way.last,
+        weight,
+        spread,
+    })
+}
+
+/// The straight shot to e.
+pub fn straight(scene: &Scene, p: DVec3, place: &Place, e: DVec3) -> Option<Shot> {
+    fire(scene, &Eye::Point(p), Start { o: p, w: (e - p).normalize() }, place, &[], e)
+}
+
+/// A random shot to e by way of at least one interface, from where a random ray of the eye leads. [`Drawn::trials`] gives its weight.
+pub struct Drawn {
+    pub shot: Shot,
+    chain: Vec<Step>,
+}
+
+pub fn draw(
+    scene: &Scene,
+    eye: &Eye,
+    place: &Place,
+    e: DVec3,
+    rng: &mut Rng,
+    mut random: impl FnMut(&mut Rng) -> Option<Start>,
+) -> Option<Drawn> {
+    let start = random(rng)?;
+    let chain = random_chain(scene, start, place, rng)?;
+    let found = solve(scene, eye, start, &chain, e)?;
+    let shot = fire(scene, eye, found, place, &chain, e)?;
+    Some(Drawn { shot, chain })
+}
+
+impl Drawn {
+    /// How many draws it takes to find the same shot once more: 1/P on average. `None` after far too many.
+    pub fn trials(
+        &self,
+        scene: &Scene,
+        eye: &Eye,
+        place: &Place,
+        e: DVec3,
+        rng: &mut Rng,
+        mut random: impl FnMut(&mut Rng) -> Option<Start>,
+    ) -> Option<f64> {
+        let own = self.shot.start;
+        (1..=TRIALS).find_map(|k| {
+            let start = random(rng)?;
+            if random_chain(scene, start, place, rng)? != self.chain {
+                return None;
+            }
+            let s = solve(scene, eye, start, &self.chain, e)?;
+            let size = (e - own.o).length();
+            let same = (s.w - own.w).length() <= SAME && (s.o - own.o).length() <= SAME * size;
+            same.then_some(f64::from(k))
+        })
+    }
+}

@@ -1,0 +1,450 @@
+//! Edges and smooth interfaces: term VE of [T] section 3, with the parts of E2 and E3 that rays turned by interfaces bring about ([T] 6.1, 6.4).
+//!
+//! A ray that a smooth interface will turn holds its direction at the eye or vertex that it leaves (its film point, at the camera), and all that follows slides on it. Whatever the light jumps at
+//! behind the interface moves over those directions: an edge at B, whose rays move there with u, gives `∫ f W sin α / |J| <n, u - ẋ_B> (L⁺ - L⁻) dl` (n toward L⁺, α between edge
+//! and ray, W the share of light that the chain lets through, J the area across the ray at B over the solid angle at the eye: [`super::shot`]). Three kinds of lines remain for this room:
+//!
+//! * from the camera by way of interfaces (outward, onto the film),
+//! * from any vertex of a camera path by way of interfaces,
+//! * straight from vertices that are seen by way of interfaces; and from all vertices past edges and balls that are smooth themselves.
+//!
+//! Straight lines have sides of their own: one that ends on a smooth face holds its direction, one that ends at a vertex D has (25), whose share vanishes for D on the edge's own
+//! face. Along the rim of a ball of glass both sides see the same light, as all is mirrored straight on, but where it ends is told in two ways, and they move
+//! differently.
+
+use super::edge_set::{EdgeSet, SharedEdge};
+use super::ends::{self, Point, Watch};
+use super::grazing_line::{Curve, seen_on};
+use super::seen_path::{Path, Vertex};
+use super::sheet::Partials;
+use super::shot::{self, Eye, Place, Shot, Start};
+use super::{Context, Motion, Room, Sample};
+use crate::math::discrete::Discrete;
+use crate::math::guide::Numbers;
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
+use crate::scene::{Hit, Instance, On, Scene};
+use crate::sensor::Projection;
+use crate::shape::{Geometry, Shape};
+use crate::surface::Surface;
+use crate::transport::first::FilmLine;
+use crate::transport::ray::MovingRay;
+use crate::transport::walk::Stage;
+use std::sync::Arc;
+
+pub const NAME: &str = "virtual_edge";
+
+/// Sine of the angle between two faces up to which they are one plane.
+const FLAT: f64 = 1e-9;
+
+pub struct VirtualEdge {
+    edges: Arc<EdgeSet>,
+    /// Smooth balls, listed behind the edges.
+    balls: Vec<u32>,
+    /// Over edges by length: all, for shots by way of interfaces.
+    by_length: Discrete,
+    /// Over edges and balls: all, and those that are smooth, for straight lines.
+    all: Discrete,
+    smooth: Discrete,
+    /// Smooth shapes, and a choice of them by area.
+    interfaces: Vec<u32>,
+    by_area: Discrete,
+}
+
+/// An edge as a ray sees it.
+struct Facing {
+    /// Across the ray, toward the lit side.
+    n: DVec3,
+    /// Of the angle between the ray and the edge.
+    sin: f64,
+    /// Faces (shape, face) on either side; none on the lit one of a silhouette.
+    own: Vec<(u32, u32)>,
+    lit: Vec<(u32, u32)>,
+}
+
+impl Facing {
+    fn new(scene: &Scene, e: &SharedEdge, w: DVec3) -> Option<Facing> {
+        let normal = (e.edge.b - e.edge.a).normalize().cross(w);
+        let sin = normal.length();
+        if sin.is_nan() || sin <= 0.0 {
+            return None;
+        }
+        let on = |keep: &dyn Fn(f64) -> bool| {
+            let sides = e.sides().filter(|s| keep(normal.dot(s.2 - e.edge.a)));
+            sides.map(|s| (s.0, s.1)).collect::<Vec<_>>()
+        };
+        let side = e.edge.covered_side(normal);
+        if side != 0.0 {
+            return Some(Facing { n: normal * (-side / sin), sin, own: on(&|_| true), lit: Vec::new() });
+        }
+        let (own, lit) = (on(&|d| d < 0.0), on(&|d| d > 0.0));
+        let parts = !own.is_empty() && !lit.is_empty() && parts(scene, e);
+        parts.then_some(Facing { n: normal / sin, sin, own, lit })
+    }
+}
+
+/// Whether what leaves the faces of an edge may differ: they have another slope or another surface.
+fn parts(scene: &Scene, e: &SharedEdge) -> bool {
+    let middle = 0.5 * (e.edge.a + e.edge.b);
+    let mut sides = e.sides().map(|(id, face, _)| {
+        let s = &scene.shapes[id as usize];
+        (s.shape.normal(face, middle), s.surface, s.light)
+    });
+    let Some((n, surface, light)) = sides.next() else { return false };
+    sides.any(|(m, s, l)| (s, l) != (surface, light) || n.cross(m).length() > FLAT || n.dot(m) < 0.0)
+}
+
+fn is_smooth(scene: &Scene, shape: u32) -> bool {
+    scene.surfaces[scene.shapes[shape as usize].surface as usize].is_smooth()
+}
+
+/// Whether anything straight before the rim of a ball scatters light: not what only balls hold.
+fn sees_rims(scene: &Scene, is_ball: impl Fn(&Instance) -> bool) -> bool {
+    let fog = |m: Option<u32>| m.is_some_and(|m| !scene.media[m as usize].sigma_s.is_zero());
+    let beside = |s: &Instance| {
+        let opaque = !scene.is_null(s) && !scene.surfaces[s.surface as usize].is_smooth();
+        opaque || s.boundary && (fog(s.exterior) || !is_ball(s) && fog(s.interior))
+    };
+    scene.shapes.iter().any(beside) || scene.sensors.iter().any(|s| fog(s.medium))
+}
+
+/// What either side of an edge sends along a ray, and how the ray tells its place: held at the eye, or by the vertex where it ends.
+struct Jump {
+    held: Rgb,
+    /// Light, the point that it leaves, and its distance from the edge.
+    ends: Option<(Rgb, Point, f64)>,
+}
+
+impl VirtualEdge {
+    /// `None` where no ray turns, or nothing moves.
+    pub fn prepare(scene: &Scene, motion: &Motion) -> Option<VirtualEdge> {
+        let interfaces: Vec<u32> = (0..scene.shapes.len() as u32).filter(|&i| is_smooth(scene, i)).collect();
+        if interfaces.is_empty() || !motion.surfaces() {
+            return None;
+        }
+        let edges = motion.edges(scene);
+        let length = |i: usize| {
+            let ends = edges.ends(scene, i);
+            // The border of an open interface is out of sight: beyond it light would be of no medium.
+            let half_space = |id: u32| {
+                let s = &scene.shapes[id as usize];
+                let open = matches!(s.shape, Shape::Rectangle(_));
+                open && matches!(scene.surfaces[s.surface as usize], Surface::Dielectric { .. })
+            };
+            let border = ends.pair.is_none() && edges.any(i, half_space) && edges.get(scene, i).edge.sides.len() < 2;
+            let length = (ends.b - ends.a).length();
+            if border || !length.is_finite() { 0.0 } else { length }
+        };
+        let lengths: Vec<f64> = (0..edges.len()).map(length).collect();
+        let is_ball =
+            |s: &Instance| matches!(s.shape, Shape::Sphere(_)) && scene.surfaces[s.surface as usize].is_smooth();
+        let seen = |&i: &u32| is_ball(&scene.shapes[i as usize]) && sees_rims(scene, is_ball);
+        let balls: Vec<u32> = interfaces.iter().copied().filter(seen).collect();
+        let round = |&i: &u32| match &scene.shapes[i as usize].shape {
+            Shape::Sphere(s) => std::f64::consts::TAU * s.radius,
+            _ => 0.0,
+        };
+        let smooth = |i: usize| if edges.any(i, |s| is_smooth(scene, s)) { lengths[i] } else { 0.0 };
+        let with_balls = |flat: Vec<f64>| Discrete::new(flat.into_iter().chain(balls.iter().map(round)));
+        let area = |&i: &u32| scene.shapes[i as usize].shape.area();
+        let room = VirtualEdge {
+            by_length: Discrete::new(lengths.iter().copied()),
+            all: with_balls(lengths.clone()),
+            smooth: with_balls((0..edges.len()).map(smooth).collect()),
+            by_area: Discrete::new(interfaces.iter().map(area)),
+            edges,
+            balls,
+            interfaces,
+        };
+        (room.all.total > 0.0).then_some(room)
+    }
+
+    /// Straight past an edge or ball that the vertex sees.
+    fn look_straight(
+        &self,
+        cx: &mut Context,
+        path: &Path,
+        v: &Vertex,
+        film: [f64; 2],
+        rng: &mut Rng,
+        emit: &mut dyn FnMut(&Sample),
+    ) {
+        let scene = cx.scene;
+        let table = if v.is_behind() { &self.all } else { &self.smooth };
+        if table.total <= 0.0 {
+            return;
+        }
+        let ((k, probability, _), u) = (table.sample(rng.uniform()), rng.uniform());
+        if k >= self.edges.len() {
+            return self.look_at_ball(cx, path, v, self.balls[k - self.edges.len()], probability, film, rng, emit);
+        }
+        let e = self.edges.get(scene, k);
+        let Some((b, per_length)) = seen_on(e.edge.a, e.edge.b, v.p(), u) else { return };
+        let w = (b - v.p()).normalize();
+        let Some(facing) = Facing::new(scene, &e, w) else { return };
+        let scatter = v.scatter(scene, w);
+        if scatter.is_zero() {
+            return;
+        }
+        let Some(shot) = shot::straight(scene, v.p(), &v.place(), b) else { return };
+        let weight = v.weight * scatter * shot.weight * (facing.sin / (shot.spread * per_length * probability));
+        let Some(jump) = self.jump(cx, &shot, b, &facing, &e.faces, v.depth + 1, true, rng) else { return };
+        self.hand_out(cx, path, v, &shot, b, facing.n, &e.faces, weight, &jump, film, emit);
+    }
+
+    /// Past the rim of a ball of glass, or of a mirror: what it mirrors there comes from the same place, after one more scattering.
+    fn look_at_ball(
+        &self,
+        cx: &mut Context,
+        path: &Path,
+        v: &Vertex,
+        ball: u32,
+        probability: f64,
+        film: [f64; 2],
+        rng: &mut Rng,
+        emit: &mut dyn FnMut(&Sample),
+    ) {
+        let scene = cx.scene;
+        let Shape::Sphere(s) = &scene.shapes[ball as usize].shape else { return };
+        let curve = Curve::Sphere { c: s.center, r: s.radius };
+        let Some(line) = curve.from_vertex(v.p(), rng.uniform()) else { return };
+        let scatter = v.scatter(scene, line.w);
+        if scatter.is_zero() {
+            return;
+        }
+        let Some(shot) = shot::straight(scene, v.p(), &v.place(), line.b) else { return };
+        let grazed = [(ball, Vec::new())];
+        let end = past(scene, line.b, line.w, line.n, &grazed);
+        let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
+        let Some((at, distance, light)) = ends::sent(cx, line.b, line.w, end, shot.medium, false, stream) else {
+            return;
+        };
+        let (beside, mirrored) = (light.shown(cx.set, v.depth + 1), light.shown(cx.set, v.depth + 2));
+        let jump = match at {
+            Point::Infinity => Jump { held: beside - mirrored, ends: None },
+            _ => Jump { held: -mirrored, ends: Some((beside, at, distance)) },
+        };
+        let weight = v.weight * scatter * shot.weight * (line.measure / (line.own * probability));
+        self.hand_out(cx, path, v, &shot, line.b, line.n, &grazed, weight, &jump, film, emit);
+    }
+
+    /// What is seen straight from a vertex.
+    fn hand_out(
+        &self,
+        cx: &Context,
+        path: &Path,
+        v: &Vertex,
+        shot: &Shot,
+        b: DVec3,
+        n: DVec3,
+        grazed: &[(u32, Vec<u32>)],
+        weight: Rgb,
+        jump: &Jump,
+        film: [f64; 2],
+        emit: &mut dyn FnMut(&Sample),
+    ) {
+        if !jump.held.is_zero() {
+            let ray = MovingRay::leaving(v.p(), shot.w, path.velocity(cx, v));
+            let partials = held(cx, &ray, b, n, grazed);
+            let flux = jump.held * weight;
+            emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
+        }
+        if let Some((light, at, distance)) = &jump.ends {
+            let flux = *light * weight;
+            if flux.is_zero() {
+                return;
+            }
+            let watch = path.watch(cx, v);
+            let partials = between(cx, [&v.point, at], [shot.distance, *distance], &watch, b, n, grazed);
+            emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
+        }
+    }
+
+    /// By way of interfaces.
+    fn look_through(
+        &self,
+        cx: &mut Context,
+        path: &Path,
+        v: &Vertex,
+        film: [f64; 2],
+        rng: &mut Rng,
+        emit: &mut dyn FnMut(&Sample),
+    ) {
+        let scene = cx.scene;
+        let start = MovingRay::leaving(v.p(), v.w, path.velocity(cx, v));
+        let (eye, place) = (Eye::Point(v.p()), v.place());
+        let random = |rng: &mut Rng| {
+            let (k, _, u) = self.by_area.sample(rng.uniform());
+            let p = scene.shapes[self.interfaces[k] as usize].shape.sample(u, rng.uniform()).p;
+            Some(Start { o: v.p(), w: (p - v.p()).try_normalize()? })
+        };
+        let begins = |_: &Context, s: &Shot| Some((v.scatter(scene, s.start.w) * v.weight, film));
+        let (u, far) = (rng.uniform(), v.depth + 1);
+        let found = self.through(cx, &eye, &place, &start, u, far, rng, random, begins);
+        if let Some((flux, film, partials)) = found {
+            emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
+        }
+    }
+
+    /// A shot by way of interfaces from an eye whose ray moves so; `begins`: how much it counts and where on the film.
+    fn through(
+        &self,
+        cx: &mut Context,
+        eye: &Eye,
+        place: &Place,
+        start: &MovingRay,
+        u: f64,
+        more: u32,
+        rng: &mut Rng,
+        random: impl Fn(&mut Rng) -> Option<Start>,
+        begins: impl Fn(&Context, &Shot) -> Option<(Rgb, [f64; 2])>,
+    ) -> Option<(Rgb, [f64; 2], Partials)> {
+        let scene = cx.scene;
+        if self.by_length.total <= 0.0 {
+            return None;
+        }
+        let (k, probability, t) = self.by_length.sample(u);
+        let e = self.edges.get(scene, k);
+        let (b, length) = (e.edge.a.lerp(e.edge.b, t), (e.edge.b - e.edge.a).length());
+        let drawn = shot::draw(scene, eye, place, b, rng, &random)?;
+        let shot = &drawn.shot;
+        let mut ray = match start {
+            MovingRay::From { o, start, turn, .. } => {
+                MovingRay::From { o: *o, w: shot.start.w, start: start.clone(), turn: turn.clone() }
+            }
+            other => other.clone(),
+        };
+        for met in &shot.chain {
+            ray = FilmLine { scene, moving: cx.moving, ray: &ray }.behind(met);
+        }
+        if ray.is_still() && !e.faces.iter().any(|f| cx.moving.moves(f.0)) {
+            return None;
+        }
+        let facing = Facing::new(scene, &e, shot.w)?;
+        let (begins, film) = begins(cx, shot)?;
+        if begins.is_zero() {
+            return None;
+        }
+        let more = more + shot.chain.len() as u32;
+        let jump = self.jump(cx, shot, b, &facing, &e.faces, more, false, rng)?.held;
+        if jump.is_zero() {
+            return None;
+        }
+        let Some(trials) = drawn.trials(scene, eye, place, b, rng, &random) else {
+            cx.tally.missed_boundary += 1;
+            return None;
+        };
+        let flux = jump * begins * shot.weight * (facing.sin * length * trials / (shot.spread * probability));
+        Some((flux, film, held(cx, &ray, b, facing.n, &e.faces)))
+    }
+
+    /// `straight`: sides that end on a surface are told by that.
+    fn jump(
+        &self,
+        cx: &mut Context,
+        shot: &Shot,
+        b: DVec3,
+        facing: &Facing,
+        grazed: &[(u32, Vec<u32>)],
+        more: u32,
+        straight: bool,
+        rng: &mut Rng,
+    ) -> Option<Jump> {
+        let (scene, w, n) = (cx.scene, shot.w, facing.n);
+        let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
+        let own = ends::front(scene, &facing.own, b, w, -n)?;
+        let mut jump = Jump { held: Rgb::ZERO, ends: None };
+        let face = |cx: &mut Context, h: Hit| match straight && !is_smooth(scene, h.shape) {
+            true => Rgb::ZERO,
+            false => ends::radiance(cx, b, w, Stage::Surface(h), shot.medium, false, stream).shown(cx.set, more),
+        };
+        jump.held = -face(cx, own);
+        if !facing.lit.is_empty() {
+            let lit = ends::front(scene, &facing.lit, b, w, n)?;
+            jump.held += face(cx, lit);
+            return Some(jump);
+        }
+        let end = past(scene, b, w, n, grazed);
+        let (at, distance, sent) = ends::sent(cx, b, w, end, shot.medium, false, stream)?;
+        let sent = sent.shown(cx.set, more);
+        match at {
+            Point::Surface(_) | Point::Medium(_) if straight => jump.ends = Some((sent, at, distance)),
+            _ => jump.held += sent,
+        }
+        Some(jump)
+    }
+}
+
+/// What ends a line behind the edge that it grazes at b.
+fn past(scene: &Scene, b: DVec3, w: DVec3, n: DVec3, grazed: &[(u32, Vec<u32>)]) -> Option<Hit> {
+    let hit = scene.opaque_past(b, w, f64::INFINITY, grazed)?;
+    // The edge may stand on it.
+    Some(if hit.t <= ends::contact(scene) { ends::beside(scene, &hit, n) } else { hit })
+}
+
+/// `<n, u - ẋ_B>`, for a ray that moves so.
+fn held(cx: &Context, ray: &MovingRay, b: DVec3, n: DVec3, grazed: &[(u32, Vec<u32>)]) -> Partials {
+    let mut p = Partials::default();
+    ends::material(cx.scene, grazed, b, -n, &mut p);
+    ray.at(b).forms(cx.scene, cx.sensor, n, |f| p.push(f));
+    p
+}
+
+/// `-v_⊥` (25) of a line between the vertices S and D at these distances from the edge.
+fn between(
+    cx: &Context,
+    [s, d]: [&Point; 2],
+    [ds, dd]: [f64; 2],
+    watch: &Watch,
+    b: DVec3,
+    n: DVec3,
+    grazed: &[(u32, Vec<u32>)],
+) -> Partials {
+    let mut p = Partials::default();
+    ends::material(cx.scene, grazed, b, -n, &mut p);
+    ends::motion(cx, d, &watch.beyond(cx, s), n * (ds / (ds + dd)), &mut p);
+    ends::motion(cx, s, watch, n * (dd / (ds + dd)), &mut p);
+    p
+}
+
+impl Room for VirtualEdge {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        // The path takes the even numbers.
+        let mut stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
+        let path = Path::new(cx, film, *rng);
+        for v in &path.vertices {
+            self.look_straight(cx, &path, v, film, &mut stream, emit);
+            self.look_through(cx, &path, v, film, &mut stream, emit);
+        }
+    }
+
+    fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        let sensor = cx.sensor;
+        let place = Place { on: On::default(), medium: sensor.medium };
+        let (o, w) = sensor.ray(0.5 * sensor.width as f64, 0.5 * sensor.height as f64);
+        let eye = match sensor.projection {
+            Projection::Perspective { .. } => Eye::Point(o),
+            Projection::Orthographic => Eye::Parallel(w),
+        };
+        let margin = cx.margin;
+        let random = |rng: &mut Rng| {
+            let at = |u: f64, size: usize| u * (size as f64 + 2.0 * margin) - margin;
+            let (o, w) = sensor.ray(at(rng.uniform(), sensor.width), at(rng.uniform(), sensor.height));
+            Some(Start { o, w })
+        };
+        let begins = |cx: &Context, s: &Shot| {
+            let q = sensor.project(s.start.o + s.start.w)?;
+            // Of a unit of solid angle, or of area across parallel rays.
+            cx.on_film(q.film).then(|| (Rgb::splat(q.pixels_per_area), q.film))
+        };
+        let start = cx.moving.film_ray().clone();
+        let found = self.through(cx, &eye, &place, &start, lead[0], 0, rng, random, begins);
+        if let Some((flux, film, partials)) = found {
+            emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 0.0, outward: 1.0 });
+        }
+    }
+}
