@@ -85,7 +85,7 @@ impl Scene {
             Surface::Null => return false,
             Surface::Dielectric { .. } => true,
             Surface::Conductor { two_sided, .. } => *two_sided || !s.is_inside_out(),
-            Surface::Diffuse { .. } => false,
+            Surface::Diffuse { .. } | Surface::Rough(_) => false,
         };
         !(reflects && s.light.is_none() && matches!(s.shape, Shape::Sphere(_)))
     }

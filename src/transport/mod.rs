@@ -22,6 +22,7 @@ pub mod sweep;
 pub mod tracking;
 pub mod transmit;
 pub mod velocity;
+pub mod vertex;
 pub mod walk;
 
 pub use record::{NoRecord, PathRecord};
