@@ -129,10 +129,12 @@ impl Scene {
             local: Discrete::default(),
             embedded: Discrete::default(),
             beams: Beams::default(),
+            panes: Vec::new(),
         };
         let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();
         scene.prepare_lights(&named);
         scene.prepare_beams();
+        scene.prepare_panes();
         if can_move(desc, &scene)? {
             scene.uniform_share = UNIFORM_SHARE;
         }

@@ -78,13 +78,16 @@ pub fn clear(
     rng: &mut Rng,
     passed: &mut dyn FnMut(MediumSpan),
 ) -> Option<Rgb> {
-    let LightKind::Beam { position, direction, .. } = scene.lights[way.light as usize].kind else { return None };
+    let light = &scene.lights[way.light as usize];
     let (mut t, mut toward) = (Rgb::ONE, -way.w);
     for k in 0..=points.len() {
         let step = way.steps.len().checked_sub(k + 1).map(|i| &way.steps[i]);
         let mut left = match step {
             Some(_) => f64::INFINITY,
-            None => (o - position).dot(direction),
+            None => match light.kind {
+                LightKind::Beam { position, direction, .. } => (o - position).dot(direction),
+                _ => light.center().map_or(f64::INFINITY, |q| (q - o).length()),
+            },
         };
         let hit = loop {
             let hit = scene.intersect(o, toward, left, &on, medium);

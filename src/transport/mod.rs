@@ -14,6 +14,7 @@ pub mod first;
 pub mod light_centred;
 pub mod line;
 pub mod motion;
+pub mod pane;
 pub mod piece;
 pub mod ray;
 pub mod record;

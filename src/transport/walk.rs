@@ -11,7 +11,7 @@
 use super::record::{Drawn, End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use super::vertex::{Facing, Vertex};
-use super::{beam, beside, camera_line, connect, light_centred, specular};
+use super::{beam, beside, camera_line, connect, light_centred, pane, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
@@ -363,6 +363,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         if R::CONNECTS {
             connect::from_medium(self, s, id);
             beam::connect(self, s, &Vertex::Medium(id));
+            pane::connect(self, s, &Vertex::Medium(id));
         }
         s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);
         self.turn(s, id);
@@ -452,6 +453,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         if R::CONNECTS {
             connect::from_surface(self, s, &facing);
             beam::connect(self, s, &vertex);
+            pane::connect(self, s, &vertex);
             light_centred::connect(self, s, &vertex);
         }
         beside::score(self, s, &vertex);
