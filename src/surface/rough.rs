@@ -167,7 +167,7 @@ impl<R: Real> Facet<R> {
         let h2 = h.length_squared();
         let (ci, co, up) = (n.dot(wi), n.dot(wo), n.dot(h));
         let front = if ci.value() > 0.0 { 1.0 } else { -1.0 };
-        if !(h2.value() > 0.0) || up.value() == 0.0 {
+        if h2.value().is_nan() || h2.value() <= 0.0 || up.value() == 0.0 {
             return None;
         }
         let length = h2.sqrt();

@@ -69,7 +69,7 @@ fn reach(surface: &Surface, pane: &Pane, light: &Light, x: DVec3) -> Option<Reac
     // The side that the light is on: > 0 in front.
     let from = match (source, light.single_direction()) {
         (Some((_, height)), _) => height,
-        (None, Some(d)) => -d.dot(n),
+        (None, Some(toward)) => toward.dot(n),
         (None, None) => return None,
     };
     let through = from * h < 0.0;
@@ -105,7 +105,7 @@ fn reach(surface: &Surface, pane: &Pane, light: &Light, x: DVec3) -> Option<Reac
             Reach { at, before, behind, through, gain: share(c0) * g }
         }
         None => {
-            let before = light.single_direction()?;
+            let before = -light.single_direction()?;
             let c0 = from.abs();
             let i = Interface::new(c0, n0, n1);
             let side = if from > 0.0 { n } else { -n };

@@ -60,7 +60,7 @@ impl<'a> Facing<'a> {
     /// What the record keeps of a pair of directions where their value is a parameter's: `value` was added by a connection; without it, it is a factor of all that follows.
     pub fn event(&self, wo: DVec3, value: Option<Rgb>) -> Option<Event> {
         let rough = matches!(self.surface, Surface::Rough(_));
-        rough.then(|| Event::Facets { surface: self.id, normals: self.normals, wi: self.wi, wo, value })
+        rough.then_some(Event::Facets { surface: self.id, normals: self.normals, wi: self.wi, wo, value })
     }
 }
 

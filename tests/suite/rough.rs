@@ -82,11 +82,38 @@ const LAMP: &str = r#"<shape type="rectangle"><transform name="to_world"><scale 
 const POINT: &str =
     r#"<emitter type="point"><point name="position" value="1.5,1,2"/><float name="intensity" value="3"/></emitter>"#;
 
+/// A lamp in fog behind frosted glass.
+const FROST: &str = r#"<scene version="3.0.0"><default name="alpha" value="0.25"/><default name="ior" value="1.45"/><default name="out" value="1.1"/><default name="fog" value="0.8"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.2,0.4,0.6"/><float name="scale" value="$fog"/><float name="albedo" value="0.8"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
+  <shape type="rectangle"><transform name="to_world"><scale value="50"/></transform>
+    <bsdf type="roughdielectric"><string name="distribution" value="KIND"/><float name="alpha" value="$alpha"/><float name="int_ior" value="$ior"/><float name="ext_ior" value="$out"/></bsdf><ref name="interior" id="fog"/></shape>
+  <shape type="rectangle"><transform name="to_world"><scale x="0.6" y="0.6"/><translate x="0.5" z="-1.2"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.3"/></bsdf>
+    <emitter type="area"><rgb name="radiance" value="2"/></emitter></shape>
+  <sensor type="perspective"><float name="fov" value="20"/><transform name="to_world"><lookat origin="0.4, 0.3, 3" target="0.3, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/></film></sensor></scene>"#;
+
 #[test]
-fn roughness_and_indices_against_differences() {
-    let all = [("alpha", 0.02), ("ior", 0.02), ("out", 0.02), ("shine", 0.03), ("eta", 0.1), ("k", 0.1)];
-    for (kind, what, spp) in [("ggx", &all[..], 1 << 11), ("beckmann", &all[..2], 1 << 10)] {
-        against_differences(&pane(&format!("{LAMP}{POINT}")).replace("KIND", kind), what, &["all"], spp, 0.03);
+fn roughness_and_indices_of_a_pane_against_differences() {
+    for (kind, spp) in [("ggx", 1 << 12), ("beckmann", 1 << 10)] {
+        let what = [("alpha", 0.02), ("ior", 0.02), ("out", 0.02), ("fog", 0.05)];
+        against_differences(&FROST.replace("KIND", kind), &what, &["all"], spp, 0.02);
+    }
+}
+
+/// A metal ball by itself: a lamp met and connected to, a point of light, a sky.
+#[test]
+fn roughness_and_indices_of_a_metal_against_differences() {
+    for kind in ["ggx", "beckmann"] {
+        let text = format!(
+            r#"<scene version="3.0.0"><default name="shine" value="0.3"/><default name="eta" value="1.2"/><default name="k" value="2.5"/>
+  <integrator type="path"><integer name="max_depth" value="3"/></integrator>
+  <shape type="sphere"><bsdf type="twosided"><bsdf type="roughconductor"><string name="distribution" value="{kind}"/><float name="alpha" value="$shine"/>
+    <rgb name="eta" value="0.3,$eta,1.5"/><rgb name="k" value="3.9,$k,1.9"/></bsdf></bsdf></shape>{LAMP}{POINT}<emitter type="constant"><rgb name="radiance" value="0.1"/></emitter>
+  <sensor type="perspective"><float name="fov" value="30"/><transform name="to_world"><lookat origin="0.6, 0.8, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/></film></sensor></scene>"#
+        );
+        against_differences(&text, &[("shine", 0.03), ("eta", 0.1), ("k", 0.1)], &["all"], 1 << 12, 0.03);
     }
 }
 
