@@ -3,6 +3,7 @@
 pub mod blackbody;
 pub mod discrete;
 pub mod equiangular;
+pub mod erf;
 pub mod fresnel;
 pub mod guide;
 pub mod nearest;

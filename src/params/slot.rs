@@ -20,6 +20,10 @@ pub enum Quantity {
     Reflectance,
     /// Indices of refraction of a dielectric: interior, exterior; of a conductor: eta and k, per channel.
     Ior,
+    /// Roughness of a surface.
+    Alpha,
+    /// Indices of a rough interface or metal, likewise: values of its scattering at fixed directions.
+    FacetIor,
     /// Radiance, intensity or irradiance of a light, per channel.
     Emission,
     /// Emitted radiance of a medium (multiplied by sigma_a) likewise.
@@ -61,7 +65,8 @@ impl Quantity {
             Quantity::MediumScale => "scale",
             Quantity::G => "g",
             Quantity::Reflectance => "reflectance",
-            Quantity::Ior => "ior",
+            Quantity::Ior | Quantity::FacetIor => "ior",
+            Quantity::Alpha => "alpha",
             Quantity::Emission | Quantity::Glow => "emission",
             Quantity::GlowScale => "emission_scale",
             Quantity::Temperature => "temperature",

@@ -142,6 +142,8 @@ pub struct Facts {
     pub polygonal_dielectric: bool,
     /// Something with an outline (occluder, lamp) can be seen or cast by way of an interface.
     pub beyond_interface: bool,
+    /// Microfacets.
+    pub rough: bool,
     /// A zero-measure light whose light has to cross an interface.
     pub light_across_interface: bool,
 }
@@ -346,6 +348,12 @@ impl Plan {
                 missing.push((name.clone(), Term::S, why));
                 all.entry(Term::S).or_insert_with(|| format!("{why} ({name})"));
             }
+            let turns = motion.ior || motion.interface || motion.beam;
+            if facts.rough && (matter || light || turns) {
+                let why = "directions turn at a rough surface";
+                missing.push((name.clone(), Term::M, why));
+                all.entry(Term::M).or_insert_with(|| format!("{why} ({name})"));
+            }
             if (motion.zero_measure_light || motion.profile || matter) && has_nearest_grid(&parts) {
                 let why = "a nearest-neighbour grid jumps at every cell face: use filter_type trilinear";
                 missing.push((name.clone(), Term::N, why));
@@ -391,7 +399,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     let opaque = |s: usize| !matches!(p.surfaces[s], SurfacePart::Null);
     let reflects = |s: usize| match &p.surfaces[s] {
         SurfacePart::Diffuse { reflectance, .. } => reflectance.iter().any(|&x| x > 0.0),
-        SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. } => true,
+        SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. } | SurfacePart::Rough { .. } => true,
         SurfacePart::Null => false,
     };
     let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
@@ -425,6 +433,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && edged(&s.kind)),
         // Whatever there is besides, or behind, may be seen in it.
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
+        rough: p.shapes.iter().any(|s| matches!(p.surfaces[s.surface], SurfacePart::Rough { .. })),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
     }
 }

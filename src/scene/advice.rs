@@ -49,12 +49,15 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
                     "beams are followed at rectangles, disks and cubes".into(),
                 ));
             }
-            if l.center().is_some() || l.single_direction().is_some() {
+            if l.is_delta() && !scene.shows_all_delta_light() {
                 found.push(warning(
                     WarningKind::LightBehindGlass,
                     &part.span,
-                    format!("what light `{}` sends by way of glass or a mirror is not in the picture yet", l.name),
-                    "such light has to be connected by way of the interface; a small area light shows it, with noise"
+                    format!(
+                        "of what light `{}` sends by way of glass or mirrors, only what meets one flat face on its way is in the picture yet",
+                        l.name
+                    ),
+                    "such light has to be connected by way of the interfaces; a small area light shows it, with noise"
                         .into(),
                 ));
             }

@@ -22,6 +22,7 @@ use crate::phase::Phase;
 use crate::sensor::{Projection, Sensor};
 use crate::shape::{Bounds, Cube, Cylinder, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, obj, ply};
 use crate::surface::Surface;
+use crate::surface::rough::{MATCHED, Matter, Rough};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -74,11 +75,7 @@ impl Scene {
         }
         let mut surfaces = Vec::with_capacity(parts.surfaces.len());
         for (i, s) in parts.surfaces.iter().enumerate() {
-            let quantity = match s {
-                SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. } => Quantity::Ior,
-                _ => Quantity::Reflectance,
-            };
-            surfaces.push(surface(s, slot_of(&slots, Owner::Surface(i), quantity)));
+            surfaces.push(surface(s, &|q| slot_of(&slots, Owner::Surface(i), q)));
         }
         let mut lights = Vec::with_capacity(parts.lights.len());
         for (i, l) in parts.lights.iter().enumerate() {
@@ -132,10 +129,12 @@ impl Scene {
             local: Discrete::default(),
             embedded: Discrete::default(),
             beams: Beams::default(),
+            panes: Vec::new(),
         };
         let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();
         scene.prepare_lights(&named);
         scene.prepare_beams();
+        scene.prepare_panes();
         if can_move(desc, &scene)? {
             scene.uniform_share = UNIFORM_SHARE;
         }
@@ -232,7 +231,7 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
         }
     };
     let boundary = s.interior.is_some() || s.exterior.is_some();
-    let opaque = !matches!(parts.surfaces[s.surface], SurfacePart::Null | SurfacePart::Dielectric { .. });
+    let opaque = !parts.surfaces[s.surface].is_transparent();
     if boundary && opaque {
         let default = if s.default_surface { "no <bsdf> (so a diffuse one)" } else { "an opaque <bsdf>" };
         warnings.push(Warning {
@@ -366,18 +365,34 @@ fn volume(v: &VolumePart<f64>, allowed: Allowed, options: &LoadOptions, warnings
     Ok(Volume::Grid(Arc::new(grid)))
 }
 
-fn surface(s: &SurfacePart<f64>, slot: u32) -> Surface {
+fn surface(s: &SurfacePart<f64>, slot: &dyn Fn(Quantity) -> u32) -> Surface {
     match s {
+        SurfacePart::Rough { distribution, alpha, smooth } => {
+            let index_slot = slot(Quantity::FacetIor);
+            let matter = match surface(smooth, &|_| index_slot) {
+                // Nothing turns: [`crate::term::rough`] refuses to say how that would change.
+                Surface::Dielectric { interior, exterior, slot } if (interior / exterior - 1.0).abs() < MATCHED => {
+                    return Surface::Dielectric { interior, exterior, slot };
+                }
+                Surface::Dielectric { interior, exterior, .. } => Matter::Dielectric { interior, exterior },
+                Surface::Conductor { eta, k, two_sided, .. } => Matter::Conductor { eta, k, two_sided },
+                other => return other,
+            };
+            let alpha_slot = slot(Quantity::Alpha);
+            Surface::Rough(Rough { distribution: *distribution, alpha: *alpha, matter, alpha_slot, index_slot })
+        }
         SurfacePart::Null => Surface::Null,
         SurfacePart::Dielectric { interior, exterior } => {
-            Surface::Dielectric { interior: *interior, exterior: *exterior, slot }
+            Surface::Dielectric { interior: *interior, exterior: *exterior, slot: slot(Quantity::Ior) }
         }
         SurfacePart::Conductor { eta, k, two_sided } => {
-            Surface::Conductor { eta: Rgb(*eta), k: Rgb(*k), two_sided: *two_sided, slot }
+            Surface::Conductor { eta: Rgb(*eta), k: Rgb(*k), two_sided: *two_sided, slot: slot(Quantity::Ior) }
         }
-        SurfacePart::Diffuse { reflectance, two_sided } => {
-            Surface::Diffuse { reflectance: Rgb(*reflectance), two_sided: *two_sided, slot }
-        }
+        SurfacePart::Diffuse { reflectance, two_sided } => Surface::Diffuse {
+            reflectance: Rgb(*reflectance),
+            two_sided: *two_sided,
+            slot: slot(Quantity::Reflectance),
+        },
     }
 }
 
@@ -455,7 +470,7 @@ fn set_kappa(media: &mut [Medium], shapes: &[Instance], bounds: &Bounds) {
 
 /// Opaque shapes and null interfaces, each with its own Embree scene.
 fn has_glass(shapes: &[Instance], surfaces: &[Surface]) -> bool {
-    shapes.iter().any(|s| matches!(surfaces[s.surface as usize], Surface::Dielectric { .. }))
+    shapes.iter().any(|s| surfaces[s.surface as usize].is_transparent())
 }
 
 fn groups(shapes: &[Instance], surfaces: &[Surface]) -> Result<(Group, Group)> {

@@ -11,7 +11,7 @@ use crate::light::Arrival;
 use crate::math::DVec3;
 use crate::native::embree::{Bvh, Ray, SceneBuilder, UserPrimitives};
 use crate::shape::{Geometry, Shape, Start};
-use crate::surface::Surface;
+use crate::surface::Normals;
 use std::sync::Arc;
 
 /// A point where a ray meets a surface.
@@ -26,6 +26,12 @@ pub struct Hit {
     pub ns: DVec3,
     pub shape: u32,
     pub face: u32,
+}
+
+impl Hit {
+    pub fn normals(&self) -> Normals {
+        Normals { face: self.n, shading: self.ns }
+    }
 }
 
 /// Faces that a ray's origin lies on.
@@ -293,7 +299,7 @@ impl Scene {
         let (t, shape, face) = found;
         let glass = |id: u32| {
             let s = &self.shapes[id as usize];
-            matches!(self.surfaces[s.surface as usize], Surface::Dielectric { .. })
+            self.surfaces[s.surface as usize].is_transparent()
         };
         if !self.has_glass || glass(shape) && self.shapes[shape as usize].shape.normal(face, o + w * t).dot(w) > 0.0 {
             return found;

@@ -10,6 +10,7 @@ pub mod lights;
 pub mod matter;
 pub mod nearest;
 pub mod node;
+pub mod panes;
 pub mod parts;
 mod parts_camera;
 mod parts_objects;
@@ -85,7 +86,7 @@ impl Scene {
             Surface::Null => return false,
             Surface::Dielectric { .. } => true,
             Surface::Conductor { two_sided, .. } => *two_sided || !s.is_inside_out(),
-            Surface::Diffuse { .. } => false,
+            Surface::Diffuse { .. } | Surface::Rough(_) => false,
         };
         !(reflects && s.light.is_none() && matches!(s.shape, Shape::Sphere(_)))
     }
@@ -162,6 +163,8 @@ pub struct Scene {
     pub local: Discrete,
     /// Ways of collimated beams.
     pub beams: beams::Beams,
+    /// Flat glass and mirrors beside lights without extent.
+    pub panes: Vec<panes::Pane>,
     /// Of every light that stands in a medium, for the light-centred one.
     pub embedded: Discrete,
 }

@@ -9,6 +9,7 @@ use super::volumes::VdbFile;
 use crate::error::{Error, Result, Span};
 use crate::math::{DMat4, DVec3, Real, V3, warp};
 use crate::params::{Owner, Quantity};
+use crate::surface::microfacet::Distribution;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -97,7 +98,24 @@ pub enum SurfacePart<R> {
         k: [R; 3],
         two_sided: bool,
     },
+    /// The dielectric or conductor with microfacets.
+    Rough {
+        distribution: Distribution,
+        alpha: R,
+        smooth: Box<SurfacePart<R>>,
+    },
     Null,
+}
+
+impl<R> SurfacePart<R> {
+    /// Whether light gets through.
+    pub fn is_transparent(&self) -> bool {
+        match self {
+            SurfacePart::Null | SurfacePart::Dielectric { .. } => true,
+            SurfacePart::Rough { smooth, .. } => smooth.is_transparent(),
+            _ => false,
+        }
+    }
 }
 
 pub enum VolumePart<R> {
@@ -324,17 +342,24 @@ impl<R: Real> Parts<R> {
             }
         }
         for (i, (s, name)) in self.surfaces.iter().zip(&self.surface_names).enumerate() {
+            let (s, indices) = match s {
+                SurfacePart::Rough { alpha, smooth, .. } => {
+                    add(Owner::Surface(i), name, Quantity::Alpha, vec![*alpha]);
+                    (smooth.as_ref(), Quantity::FacetIor)
+                }
+                s => (s, Quantity::Ior),
+            };
             match s {
                 SurfacePart::Diffuse { reflectance, .. } => {
                     add(Owner::Surface(i), name, Quantity::Reflectance, reflectance.to_vec());
                 }
                 SurfacePart::Dielectric { interior, exterior } => {
-                    add(Owner::Surface(i), name, Quantity::Ior, vec![*interior, *exterior]);
+                    add(Owner::Surface(i), name, indices, vec![*interior, *exterior]);
                 }
                 SurfacePart::Conductor { eta, k, .. } => {
-                    add(Owner::Surface(i), name, Quantity::Ior, eta.iter().chain(k).copied().collect());
+                    add(Owner::Surface(i), name, indices, eta.iter().chain(k).copied().collect());
                 }
-                SurfacePart::Null => {}
+                SurfacePart::Null | SurfacePart::Rough { .. } => {}
             }
         }
         for (i, l) in self.lights.iter().enumerate() {

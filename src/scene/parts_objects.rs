@@ -8,10 +8,12 @@ use super::volumes::VdbFile;
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Real, V3};
 use crate::native::vdb::Select;
+use crate::surface::microfacet::Distribution;
 use std::path::PathBuf;
 
 const SHAPES: [&str; 7] = ["obj", "ply", "rectangle", "cube", "disk", "sphere", "cylinder"];
-const BSDFS: [&str; 5] = ["diffuse", "dielectric", "conductor", "null", "twosided"];
+const BSDFS: [&str; 7] =
+    ["diffuse", "dielectric", "roughdielectric", "conductor", "roughconductor", "null", "twosided"];
 const EMITTERS: [&str; 7] = ["area", "point", "spot", "directional", "collimated", "constant", "envmap"];
 const MEDIA: [&str; 2] = ["homogeneous", "heterogeneous"];
 const VOLUMES: [&str; 3] = ["constvolume", "gridvolume", "openvdb"];
@@ -20,6 +22,9 @@ const PHASES: [&str; 2] = ["isotropic", "hg"];
 /// Mitsuba's defaults of a dielectric.
 const BK7: f64 = 1.5046;
 const AIR: f64 = 1.000_277;
+
+/// Below this microfacets differ from a smooth surface by less than a milliradian's tenth.
+const LEAST_ALPHA: f64 = 1e-4;
 
 /// Indices of refraction by name, at 589 nm (usual tables; the names are Mitsuba's).
 const INDICES: [(&str, f64); 16] = [
@@ -149,16 +154,21 @@ impl<R: Real> Reader<'_, R> {
                 require(n, "reflectance", ok, text, "a reflectance lies between 0 and 1")?;
                 Ok(SurfacePart::Diffuse { reflectance, two_sided })
             }
-            "dielectric" if two_sided => Err(Error::scene(
+            "dielectric" | "roughdielectric" if two_sided => Err(Error::scene(
                 &n.span,
-                "a twosided dielectric makes no sense: both its sides refract",
+                format!("a twosided {} makes no sense: both its sides refract", n.plugin),
                 "use the dielectric by itself",
             )),
-            "dielectric" => {
-                let (interior, exterior) = (self.index(n, "int_ior", BK7)?, self.index(n, "ext_ior", AIR)?);
-                Ok(SurfacePart::Dielectric { interior, exterior })
-            }
+            "dielectric" => self.dielectric(n),
             "conductor" => self.conductor(n, two_sided),
+            "roughdielectric" => {
+                let smooth = self.dielectric(n)?;
+                self.rough(n, smooth)
+            }
+            "roughconductor" => {
+                let smooth = self.conductor(n, two_sided)?;
+                self.rough(n, smooth)
+            }
             "null" if two_sided => {
                 Err(Error::scene(&n.span, "a twosided null makes no sense", "use the null bsdf by itself"))
             }
@@ -195,6 +205,31 @@ impl<R: Real> Reader<'_, R> {
         let text = format!("{name} is {value}");
         require(n, name, value > 0.0 && value.is_finite(), text, "an index of refraction is above 0")?;
         Ok(ior)
+    }
+
+    fn dielectric(&self, n: &Node) -> Result<SurfacePart<R>> {
+        let (interior, exterior) = (self.index(n, "int_ior", BK7)?, self.index(n, "ext_ior", AIR)?);
+        Ok(SurfacePart::Dielectric { interior, exterior })
+    }
+
+    /// The same with microfacets.
+    fn rough(&self, n: &Node, smooth: SurfacePart<R>) -> Result<SurfacePart<R>> {
+        let alpha: R = n.float(self.env, "alpha", 0.1)?;
+        let value = alpha.value();
+        let remedy = format!("use an alpha of {LEAST_ALPHA} or more; below, `{}`", n.plugin.replace("rough", ""));
+        require(n, "alpha", value >= LEAST_ALPHA, format!("alpha is {value}"), &remedy)?;
+        let name = n.string("distribution", "beckmann")?;
+        let distribution = match name.as_str() {
+            "beckmann" => Distribution::Beckmann,
+            "ggx" => Distribution::Ggx,
+            _ => {
+                let what = format!("distribution is `{name}`");
+                return Err(n.err("distribution", what, suggest(&name, ["beckmann", "ggx"])));
+            }
+        };
+        // Always so here; the picture is the same.
+        n.bool("sample_visible", true)?;
+        Ok(SurfacePart::Rough { distribution, alpha, smooth: Box::new(smooth) })
     }
 
     fn conductor(&self, n: &Node, two_sided: bool) -> Result<SurfacePart<R>> {

@@ -1,9 +1,47 @@
 //! Surface scattering. Directions point away from the surface; `cos` factors are part of `eval`.
 
+pub mod microfacet;
+pub mod rough;
+
 use crate::math::fresnel::{self, Interface};
 use crate::math::{DVec3, Rgb, V3, warp};
 use crate::params::{ParamSet, Slot};
+use rough::Rough;
 use std::f64::consts::PI;
+
+/// The normals at a point of a surface, both unit and on the front side.
+#[derive(Clone, Copy, Debug)]
+pub struct Normals {
+    pub face: DVec3,
+    pub shading: DVec3,
+}
+
+impl Normals {
+    /// The one to shade by for light toward `wi`: the face's own where the other would have it come from the wrong side.
+    fn of(&self, wi: DVec3) -> DVec3 {
+        if self.face.dot(wi) * self.shading.dot(wi) > 0.0 { self.shading } else { self.face }
+    }
+
+    /// The same for two directions; `None` where it and the face do not agree on whether light goes through.
+    fn toward(&self, wi: DVec3, wo: DVec3) -> Option<DVec3> {
+        let n = self.of(wi);
+        (self.face.dot(wo) * n.dot(wo) > 0.0).then_some(n)
+    }
+}
+
+/// What a surface does to light that arrives from one direction and leaves along another.
+#[derive(Clone, Copy, Debug)]
+pub struct Lobe {
+    /// `f_s |cos wo|` per unit solid angle of wo is `f x tint`; of a diffuse surface without its reflectance.
+    pub f: f64,
+    pub tint: Rgb,
+    /// Density per unit solid angle with which wo is drawn.
+    pub pdf: f64,
+}
+
+impl Lobe {
+    pub const NONE: Lobe = Lobe { f: 0.0, tint: Rgb::ONE, pdf: 0.0 };
+}
 
 #[derive(Clone, Debug)]
 pub enum Surface {
@@ -13,6 +51,8 @@ pub enum Surface {
     Dielectric { interior: f64, exterior: f64, slot: Slot },
     /// A smooth metal of index `eta - i k`, seen from a vacuum; mirrors on the front only unless `two_sided`. An index of 0 mirrors all.
     Conductor { eta: Rgb, k: Rgb, two_sided: bool, slot: Slot },
+    /// A rough interface or metal: light is scattered at microfacets.
+    Rough(Rough),
     /// Index-matched: light passes unchanged; separates media.
     Null,
 }
@@ -87,7 +127,28 @@ impl Surface {
         match self {
             Surface::Diffuse { two_sided, .. } | Surface::Conductor { two_sided, .. } => *two_sided || n.dot(wi) > 0.0,
             Surface::Dielectric { .. } => true,
+            Surface::Rough(r) => r.scatters(n, wi),
             Surface::Null => false,
+        }
+    }
+
+    /// Value and density for a pair of directions, a share `uniform` of the directions that leave a diffuse surface being uniform. Smooth surfaces have none.
+    pub fn eval(&self, n: Normals, wi: DVec3, wo: DVec3, uniform: f64) -> Lobe {
+        match self {
+            Surface::Rough(r) => r.eval(n, wi, wo),
+            _ => {
+                let f = self.eval_unit(n.shading, wi, wo);
+                Lobe { f, tint: Rgb::ONE, pdf: Surface::pdf(f, uniform) }
+            }
+        }
+    }
+
+    /// Whether light goes through it, turned.
+    pub fn is_transparent(&self) -> bool {
+        match self {
+            Surface::Dielectric { .. } => true,
+            Surface::Rough(r) => r.is_transparent(),
+            _ => false,
         }
     }
 

@@ -23,6 +23,7 @@ pub mod outline;
 pub mod per_vertex;
 pub mod pixel_edge;
 pub mod rims;
+pub mod rough;
 pub mod seen_path;
 pub mod sheet;
 pub mod sheet_samples;
@@ -170,6 +171,7 @@ impl Motion {
             ));
         }
         interfaces::check(scene, self)?;
+        rough::check(scene, self, params)?;
         if let Some(name) = &self.glowing_null {
             return Err(Error::usage(
                 format!("the lamp `{name}` has a null bsdf, and something moves: this cannot be differentiated yet"),

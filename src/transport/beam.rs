@@ -2,22 +2,13 @@
 
 use super::record::{End, Event, MediumSpan, Recorder};
 use super::transmit;
+use super::vertex::{Toward, Vertex};
 use super::walk::{State, Walker};
 use crate::light::{Emission, LightKind, beam_profile};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
-use crate::phase::one_minus_cos;
 use crate::scene::beams::Way;
 use crate::scene::{On, Scene};
-use crate::surface::Surface;
-
-/// What scatters toward the beam.
-#[derive(Clone, Copy)]
-pub enum Vertex<'a> {
-    Medium(u32),
-    /// Shading normal, and the direction that light is scattered to.
-    Surface(&'a Surface, DVec3, DVec3),
-}
 
 /// The emission that reaches `x` by the way, if its line is clear.
 pub fn emission(scene: &Scene, way: &Way, x: DVec3, points: &mut Vec<DVec3>) -> Option<Emission> {
@@ -29,7 +20,7 @@ pub fn emission(scene: &Scene, way: &Way, x: DVec3, points: &mut Vec<DVec3>) -> 
 }
 
 /// Score what all beams bring to the vertex at `s.o`.
-pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
+pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let scene = w.scene;
     let mut points = Vec::new();
     for (id, way) in scene.beams.ways.iter().enumerate() {
@@ -39,19 +30,14 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
             continue;
         }
         let toward = -way.w;
-        let (f, phase) = match vertex {
-            Vertex::Medium(id) => {
-                let m = one_minus_cos(s.w, toward);
-                (scene.media[id as usize].phase.eval(m), Some((id, m)))
-            }
-            Vertex::Surface(surface, n, wi) => (surface.eval_unit(n, wi, toward), None),
-        };
-        if f <= 0.0 {
+        let Toward { lobe, phase } = vertex.toward(scene, s, toward);
+        if lobe.f <= 0.0 {
             continue;
         }
+        let (on, medium) = vertex.start(s, toward);
         let Some(emission) = emission(scene, way, s.o, &mut points) else { continue };
         let first = w.rec.side_len();
-        let Some(t) = clear(scene, way, &points, (s.o, s.on, s.medium), &mut s.rng, &mut |span| {
+        let Some(t) = clear(scene, way, &points, (s.o, on, medium), &mut s.rng, &mut |span| {
             if R::ON {
                 w.rec.side_span(span);
             }
@@ -59,7 +45,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
             w.rec.side_truncate(first);
             continue;
         };
-        let weight = s.beta / s.r.mean() * t * f;
+        let weight = s.beta / s.r.mean() * lobe.tint * t * lobe.f;
         if order < w.set.min_order {
             w.rec.side_truncate(first);
             continue;
@@ -78,6 +64,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: Vertex) {
                 phase: [phase, None],
                 via: None,
             });
+            vertex.scored(w.rec, toward, value);
         }
     }
 }
@@ -91,13 +78,16 @@ pub fn clear(
     rng: &mut Rng,
     passed: &mut dyn FnMut(MediumSpan),
 ) -> Option<Rgb> {
-    let LightKind::Beam { position, direction, .. } = scene.lights[way.light as usize].kind else { return None };
+    let light = &scene.lights[way.light as usize];
     let (mut t, mut toward) = (Rgb::ONE, -way.w);
     for k in 0..=points.len() {
         let step = way.steps.len().checked_sub(k + 1).map(|i| &way.steps[i]);
         let mut left = match step {
             Some(_) => f64::INFINITY,
-            None => (o - position).dot(direction),
+            None => match light.kind {
+                LightKind::Beam { position, direction, .. } => (o - position).dot(direction),
+                _ => light.center().map_or(f64::INFINITY, |q| (q - o).length()),
+            },
         };
         let hit = loop {
             let hit = scene.intersect(o, toward, left, &on, medium);

@@ -12,9 +12,10 @@
 //! All other connections score as they are (`follows`).
 
 use super::aim::{Aim, Turn};
-use super::light_centred::{Sight, Vertex};
+use super::light_centred::Sight;
 use super::record::{CHAINS_OF_CHAINS, Event, MediumSpan, Recorder};
 use super::transmit;
+use super::vertex::Vertex;
 use super::walk::{State, Walker};
 use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, warp};
@@ -105,7 +106,7 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         // F without its phase function at the far end.
         let rest = |sight: &Sight, y: DVec3| {
             let m = &scene.media[sight.span.medium as usize];
-            prefix * sight.transmittance * m.coefficients(y).1 * sight.per_length
+            prefix * sight.tint * sight.transmittance * m.coefficients(y).1 * sight.per_length
         };
         let phase = |sight: &Sight| {
             let m = &scene.media[sight.span.medium as usize];
@@ -157,7 +158,7 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, probabi
     let Some(sight) = sight else { return };
     let medium = sight.span.medium;
     let sigma_s = scene.media[medium as usize].coefficients(x).1;
-    let beta = s.beta / s.r.mean() * sight.transmittance * sigma_s * (sight.per_length / density);
+    let beta = s.beta / s.r.mean() * sight.tint * sight.transmittance * sigma_s * (sight.per_length / density);
     if beta.is_zero() {
         return;
     }

@@ -8,6 +8,7 @@
 use super::aim::{Aim, Turn};
 use super::record::{Drawn, End, Event, MediumSpan, Recorder};
 use super::transmit;
+use super::vertex::{Facing, Vertex};
 use super::walk::{Flight, State, Walker};
 use super::{beside, light_centred};
 use crate::light::Arrival;
@@ -15,7 +16,6 @@ use crate::math::equiangular::EquiAngular;
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
 use crate::scene::{On, Scene};
-use crate::surface::Surface;
 
 /// Mean survival of a sampled direction over an optical depth.
 fn survival(tau: Rgb) -> f64 {
@@ -66,27 +66,32 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
     let aim = beside::follows(w, light, s.left, s.o, s.flight.reach.map(|r| r.0))
         .then(|| Aim::new(light, s.o, Some(id), On::default(), &a, Turn::Phase(id, s.w), s.aside));
     let end = End::of(light, s.o, &a);
-    finish(w, s, &a, end, &On::default(), weight, probability, f, ratio, Some((id, m)), aim);
+    finish(w, s, &a, end, (&On::default(), s.medium), weight, probability, f, ratio, Some((id, m)), aim);
 }
 
 /// Next-event estimation from a surface at `s.o`, reflectance already in `s.beta`.
-pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, surface: &Surface, n: DVec3, wi: DVec3) {
-    let toward = |d: DVec3| surface.eval_unit(n, wi, d);
+pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, facing: &Facing) {
+    let (scene, vertex) = (w.scene, Vertex::Surface(*facing));
+    let toward = |d: DVec3| {
+        let lobe = facing.lobe(scene, d);
+        lobe.f * lobe.tint.mean()
+    };
     let Some((light, probability, environment)) = w.scene.select_light(s.rng.uniform(), toward) else { return };
     s.to_environment = environment;
     let (u, v) = (s.rng.uniform(), s.rng.uniform());
     let Some(a) = w.scene.arrival(light, s.o, u, v) else { return };
-    let f = surface.eval_unit(n, wi, a.w);
-    if f <= 0.0 {
+    let lobe = facing.lobe(scene, a.w);
+    if lobe.f <= 0.0 {
         return;
     }
-    let weight = s.beta / s.r.mean() * (f * a.factor / probability);
-    let on = s.on;
+    let weight = s.beta / s.r.mean() * lobe.tint * (lobe.f * a.factor / probability);
+    let (on, medium) = vertex.start(s, a.w);
     let aim = beside::follows(w, light, s.left, s.o, None)
-        .then(|| Aim::new(light, s.o, s.medium, on, &a, Turn::Cosine(n), s.aside));
+        .then(|| Aim::new(light, s.o, medium, on, &a, Turn::Cosine(facing.normals.shading), s.aside));
     let end = End::of(light, s.o, &a);
-    let p_direction = Surface::pdf(f, w.scene.uniform_share);
-    finish(w, s, &a, end, &on, weight, probability, p_direction, 1.0, None, aim);
+    if let Some(value) = finish(w, s, &a, end, (&on, medium), weight, probability, lobe.pdf, 1.0, None, aim) {
+        vertex.scored(w.rec, a.w, value);
+    }
 }
 
 /// The extra connection of a medium span: a point drawn by the angle it subtends at a light with a position,
@@ -153,16 +158,16 @@ fn finish<R: Recorder>(
     s: &mut State,
     a: &Arrival,
     end: End,
-    on: &On,
+    (on, medium): (&On, Option<u32>),
     weight: Rgb,
     probability: f64,
     p_direction: f64,
     ratio: f64,
     phase: Option<(u32, f64)>,
     aim: Option<Aim>,
-) {
+) -> Option<Rgb> {
     let first = w.rec.side_len();
-    let Some((t, tau)) = transmit::shadow(w, &mut s.rng, s.medium, s.o, on, a) else { return };
+    let (t, tau) = transmit::shadow(w, &mut s.rng, medium, s.o, on, a)?;
     let mut weight = weight * t;
     weight *= if a.pdf > 0.0 {
         // What `direction_share` leaves over.
@@ -171,10 +176,10 @@ fn finish<R: Recorder>(
     } else {
         1.0 / ratio
     };
-    score(w, a, end, weight, s.depth, first, [phase, None], None, aim);
+    score(w, a, end, weight, s.depth, first, [phase, None], None, aim)
 }
 
-/// `order`: scatterings of the path.
+/// `order`: scatterings of the path. Returns what it adds.
 pub(super) fn score<R: Recorder>(
     w: &mut Walker<R>,
     a: &Arrival,
@@ -185,9 +190,9 @@ pub(super) fn score<R: Recorder>(
     phase: [Option<(u32, f64)>; 2],
     via: Option<Drawn>,
     aim: Option<Aim>,
-) {
+) -> Option<Rgb> {
     if order < w.set.min_order {
-        return;
+        return None;
     }
     let sigma_s = via.map_or(Rgb::ONE, |d| d.sigma);
     let value = weight * sigma_s * a.emission.color();
@@ -200,4 +205,5 @@ pub(super) fn score<R: Recorder>(
             w.rec.push(Event::Aim { aim, value });
         }
     }
+    Some(value)
 }

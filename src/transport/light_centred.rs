@@ -7,6 +7,7 @@
 
 use super::aim::{Aim, Turn};
 use super::record::{Drawn, End, MediumSpan, Recorder};
+use super::vertex::{Toward, Vertex};
 use super::walk::{State, Walker};
 use super::{beside, connect};
 use super::{tracking, transmit};
@@ -14,15 +15,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
 use crate::phase::one_minus_cos;
 use crate::scene::{On, Scene};
-use crate::surface::Surface;
 use std::f64::consts::PI;
-
-/// What scatters at x.
-pub enum Vertex<'a> {
-    Medium(u32),
-    /// Surface, shading normal, direction toward the previous vertex.
-    Surface(&'a Surface, DVec3, DVec3),
-}
 
 /// Density per volume of drawing a point at distance `r` from the light, for a vertex at distance `radius` from it.
 fn density(r: f64, radius: f64) -> f64 {
@@ -44,8 +37,9 @@ pub fn density_per_length(scene: &Scene, light: u32, center: DVec3, y: DVec3, re
 /// A point y seen from a vertex through the medium around it.
 pub(super) struct Sight {
     pub direction: DVec3,
-    /// Phase function or cosine at the vertex, per solid angle, over the squared distance.
+    /// Phase function or cosine at the vertex, per solid angle, over the squared distance; times `tint`.
     pub per_length: f64,
+    pub tint: Rgb,
     /// The density of drawing the direction there, over the squared distance.
     pub density: f64,
     pub phase: Option<(u32, f64)>,
@@ -71,17 +65,12 @@ impl Sight {
             return None;
         }
         let direction = to_y / d;
-        let (f, phase) = match vertex {
-            Vertex::Medium(id) => {
-                let m = one_minus_cos(s.w, direction);
-                (scene.media[*id as usize].phase.eval(m), Some((*id, m)))
-            }
-            Vertex::Surface(surface, n, wi) => (surface.eval_unit(*n, *wi, direction), None),
-        };
-        if f <= 0.0 {
+        let Toward { lobe, phase } = vertex.toward(scene, s, direction);
+        if lobe.f <= 0.0 {
             return None;
         }
-        let (mut o, mut on, mut medium, mut before) = (s.o, s.on, s.medium, 0.0);
+        let (mut on, mut medium) = vertex.start(s, direction);
+        let (mut o, mut before) = (s.o, 0.0);
         let (mut transmittance, mut crossings) = (Rgb::ONE, 0);
         loop {
             crossings += 1;
@@ -105,9 +94,9 @@ impl Sight {
                 }
                 if holds {
                     let t = (d - before).max(0.0);
-                    let p = if phase.is_some() { f } else { Surface::pdf(f, scene.uniform_share) };
-                    let (per_length, density) = (f / (d * d), p / (d * d));
-                    return Some(Sight { direction, per_length, density, phase, transmittance, span, t });
+                    let (per_length, density) = (lobe.f / (d * d), lobe.pdf / (d * d));
+                    let tint = lobe.tint;
+                    return Some(Sight { direction, per_length, tint, density, phase, transmittance, span, t });
                 }
             }
             let h = hit?;
@@ -158,8 +147,10 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let own = q * density(r, radius);
     let Some(a) = scene.arrival(light, y, v, z) else { return };
     let m2 = one_minus_cos(sight.direction, a.w);
-    let weight =
-        s.beta / s.r.mean() * sight.transmittance * (per_length * m.phase.eval(m2) * a.factor / (flight + equi + own));
+    let weight = s.beta / s.r.mean()
+        * sight.tint
+        * sight.transmittance
+        * (per_length * m.phase.eval(m2) * a.factor / (flight + equi + own));
 
     // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
     let mut unscored = s.rng;
@@ -172,5 +163,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     });
     let end = End::of(light, y, &a);
     let via = Drawn { medium: span.medium, p: y, sigma: sigma_s, span, lead };
-    connect::score(w, &a, end, weight * shadow, s.depth + 1, first, phases, Some(via), aim);
+    if let Some(value) = connect::score(w, &a, end, weight * shadow, s.depth + 1, first, phases, Some(via), aim) {
+        vertex.scored(w.rec, sight.direction, value);
+    }
 }

@@ -14,6 +14,7 @@ pub mod first;
 pub mod light_centred;
 pub mod line;
 pub mod motion;
+pub mod pane;
 pub mod piece;
 pub mod ray;
 pub mod record;
@@ -22,6 +23,7 @@ pub mod sweep;
 pub mod tracking;
 pub mod transmit;
 pub mod velocity;
+pub mod vertex;
 pub mod walk;
 
 pub use record::{NoRecord, PathRecord};

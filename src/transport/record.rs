@@ -13,6 +13,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::params::Slot;
 use crate::scene::{Hit, On, Scene};
+use crate::surface::Normals;
 
 /// Walks around the light from a vertex of the path, and from a vertex of such a walk.
 pub(super) const CHAINS: f64 = 1.0;
@@ -125,6 +126,8 @@ pub enum Event {
     Turn { medium: u32, one_minus_mu: f64 },
     /// A reflection: factor rho. `prefix.beta/r` before it, for the candidate at small rho.
     Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
+    /// Scattering at a rough surface, both directions away from it. A factor of everything after it, or, with a value, of what a connection has just added.
+    Facets { surface: u32, normals: Normals, wi: DVec3, wo: DVec3, value: Option<Rgb> },
     /// A smooth surface turned the ray: factor F, or (1 - F) η².
     Specular(Specular),
     /// Light met by the walk: `weight x emission` was added.

@@ -71,6 +71,8 @@ pub struct Candidates {
 pub struct SweepFacts {
     media: Vec<MediumFacts>,
     surfaces: Vec<bool>,
+    /// Rough ones whose values are parameters.
+    rough: Vec<bool>,
     /// A bit for each light that moves ([`State::left`]), 0 for the others.
     lights: Vec<u64>,
     any_source: bool,
@@ -110,6 +112,7 @@ impl SweepFacts {
             .iter()
             .map(|s| matches!(s, Surface::Diffuse { slot, .. } if params.block_active(*slot, 3)))
             .collect();
+        let rough = scene.surfaces.iter().map(|s| matches!(s, Surface::Rough(r) if r.is_active(params))).collect();
         let any_source = media.iter().any(|m| m.source) || surfaces.iter().any(|&s| s);
         let (moving, borders) =
             (Moving::new(scene, sensor, params)?.with_cut(cut.clone()), Borders::new(scene, params));
@@ -124,7 +127,7 @@ impl SweepFacts {
         };
         let lights = scene.lights.iter().enumerate().map(bit).collect();
         let any_source = any_source || borders.any();
-        Ok(SweepFacts { media, surfaces, lights, any_source, moving, borders })
+        Ok(SweepFacts { media, surfaces, rough, lights, any_source, moving, borders })
     }
 }
 
@@ -341,6 +344,18 @@ impl Sweep<'_> {
                     let m = &self.scene.media[span.medium as usize];
                     let end = super::tracking::walked_weight(m, span, span.t1, p.beta, p.r);
                     self.glow_at_ends(span, [p.beta / p.r.mean(), end], p.depth, sink);
+                }
+            }
+            Event::Facets { surface, normals, wi, wo, value } => {
+                if let (true, Surface::Rough(rough)) =
+                    (self.facts.rough[*surface as usize], &self.scene.surfaces[*surface as usize])
+                {
+                    let value = value.unwrap_or(after);
+                    rough.scores(*normals, *wi, *wo, |slot, d| {
+                        if self.params.is_active(slot) {
+                            sink.add(slot, d * value);
+                        }
+                    });
                 }
             }
             Event::Turn { medium, one_minus_mu } => self.phase(*medium, *one_minus_mu, after, sink),

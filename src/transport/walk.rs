@@ -10,12 +10,13 @@
 
 use super::record::{Drawn, End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
-use super::{beam, beside, camera_line, connect, light_centred, specular};
+use super::vertex::{Facing, Vertex};
+use super::{beam, beside, camera_line, connect, light_centred, pane, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
 use crate::scene::{Hit, On, Scene, Settings};
-use crate::surface::Surface;
+use crate::surface::{Lobe, Surface};
 use std::sync::Arc;
 
 /// How the walk goes on from a state.
@@ -361,7 +362,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
         if R::CONNECTS {
             connect::from_medium(self, s, id);
-            beam::connect(self, s, beam::Vertex::Medium(id));
+            beam::connect(self, s, &Vertex::Medium(id));
+            pane::connect(self, s, &Vertex::Medium(id));
         }
         s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);
         self.turn(s, id);
@@ -371,9 +373,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
     pub(super) fn turn(&mut self, s: &mut State, id: u32) {
         let medium: &Medium = &self.scene.media[id as usize];
         if R::CONNECTS {
-            light_centred::connect(self, s, &light_centred::Vertex::Medium(id));
+            light_centred::connect(self, s, &Vertex::Medium(id));
         }
-        beside::score(self, s, &light_centred::Vertex::Medium(id));
+        beside::score(self, s, &Vertex::Medium(id));
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let (w, m) = medium.phase.sample(s.w, u, v);
         if R::ON {
@@ -426,13 +428,14 @@ impl<'a, R: Recorder> Walker<'a, R> {
             s.stage = Stage::Done;
             return;
         }
+        let (facing, near) = Facing::new(self.scene, s, &hit);
         s.depth = k;
         s.direct = false;
         s.in_a_row = 0;
         s.o = hit.p;
         s.vertex = hit.p;
         s.tau = Rgb::ZERO;
-        s.on = On::at(&hit);
+        s.on = near;
         s.flight = Flight::default();
         if R::ON {
             let prefix = Prefix { beta: s.beta, r: s.r, depth: k - 1, t_end: 0.0, reach: None };
@@ -446,25 +449,33 @@ impl<'a, R: Recorder> Walker<'a, R> {
             s.stage = Stage::Done;
             return;
         }
-        let vertex = light_centred::Vertex::Surface(surface, hit.ns, wi);
+        let vertex = Vertex::Surface(facing);
         if R::CONNECTS {
-            connect::from_surface(self, s, surface, hit.ns, wi);
-            beam::connect(self, s, beam::Vertex::Surface(surface, hit.ns, wi));
+            connect::from_surface(self, s, &facing);
+            beam::connect(self, s, &vertex);
+            pane::connect(self, s, &vertex);
             light_centred::connect(self, s, &vertex);
         }
         beside::score(self, s, &vertex);
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let uniform = self.scene.uniform_share;
-        let w = surface.sample(hit.ns, wi, uniform, u, v);
-        let f = surface.eval_unit(hit.ns, wi, w);
-        s.pdf_direction = Surface::pdf(f, uniform);
-        if s.pdf_direction <= 0.0 {
+        let w = match surface {
+            Surface::Rough(r) => r.sample(facing.normals, wi, u, v, s.rng.uniform()),
+            _ => Some(surface.sample(hit.ns, wi, uniform, u, v)),
+        };
+        let lobe = w.map_or(Lobe::NONE, |w| surface.eval(facing.normals, wi, w, uniform));
+        s.pdf_direction = lobe.pdf;
+        let Some(w) = w.filter(|_| lobe.pdf > 0.0) else {
             s.stage = Stage::Done;
             return;
+        };
+        if uniform > 0.0 || matches!(surface, Surface::Rough(_)) {
+            s.beta *= lobe.tint * (lobe.f / lobe.pdf);
         }
-        if uniform > 0.0 {
-            s.beta *= f / s.pdf_direction;
+        if R::ON {
+            facing.event(w, None).into_iter().for_each(|e| self.rec.push(e));
         }
+        facing.leave(s, w);
         s.w = w;
         s.stage = Stage::Fly;
         self.roulette(s);

@@ -26,6 +26,7 @@ mod per_vertex;
 mod plan;
 mod refraction;
 mod rooms;
+mod rough;
 mod scenes;
 mod stress;
 mod techniques;

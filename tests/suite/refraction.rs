@@ -59,6 +59,63 @@ fn d2_hard_beam_through_a_plane() {
     assert_eq!(derivatives(&text, &["bx"], &["interior"], 256)[0].value[0], 0.0);
 }
 
+/// [T] D3, as D1 with a point light: by connections through the plane. Its motion is refused yet.
+#[test]
+fn d3_point_light_through_a_plane() {
+    let text = beam("gaussian", 0.25).replace(r#""n" value="1.5""#, r#""n" value="1.33""#);
+    let (head, tail) = text.split_once(r#"<emitter type="collimated">"#).unwrap();
+    let lit = |light: &str| format!("{head}{light}{}", tail.split_once("</emitter>").unwrap().1);
+    let point = lit(
+        r#"<emitter type="point"><point name="position" value="0.3, 0.2, 1.2"/><float name="intensity" value="10"/></emitter>"#,
+    );
+    let (desc, sc) = scene(&point);
+    let glass = |w: &&tyndall::error::Warning| w.kind == tyndall::error::WarningKind::LightBehindGlass;
+    assert!(!sc.warnings.iter().any(|w| glass(&w)), "{:?}", sc.warnings);
+    let names = ["g".to_string()];
+    Plan::new(&desc, &names).and_then(|p| p.refuse()).unwrap();
+    let e = forward(&point, &["g"], 1 << 16);
+    check("L", &e[0], 0.02792170348, 0.005);
+    // The phase function's share of a connection through the plane.
+    against_differences(&point, &[("g", 0.01)], &["all"], 1 << 13, 0.01);
+    for name in ["n", "h", "cx"] {
+        let why = Plan::new(&desc, &[name.to_string()]).and_then(|p| p.refuse()).unwrap_err().to_string();
+        assert!(why.contains("not available yet"), "{name}: {why}");
+    }
+    // A light at infinity is what a far point is.
+    let far = lit(
+        r#"<emitter type="point"><point name="position" value="3000, 1000, 8000"/><float name="intensity" value="74000000"/></emitter>"#,
+    );
+    let sun = lit(
+        r#"<emitter type="directional"><vector name="direction" value="-3,-1,-8"/><float name="irradiance" value="1"/></emitter>"#,
+    );
+    let (a, b) = (forward(&far, &[], 1 << 14)[0], forward(&sun, &[], 1 << 14)[0]);
+    let se = a.error[0].hypot(b.error[0]);
+    assert!((a.value[0] - b.value[0]).abs() < 4.5 * se && se < 0.015 * b.value[0], "{a:?} {b:?}");
+}
+
+/// A point light over a mirror of glass lights a wall by way of it as its image does.
+#[test]
+fn a_pane_mirrors_a_point_light() {
+    let text = |light: &str, pane: &str| {
+        format!(
+            r#"<scene version="3.0.0"><integrator type="path"><integer name="max_depth" value="3"/></integrator>{pane}
+  <shape type="rectangle"><transform name="to_world"><translate z="-1"/></transform><bsdf type="diffuse"/></shape>{light}
+  <sensor type="perspective"><float name="fov" value="20"/><transform name="to_world"><lookat origin="0, 0.2, 3" target="0, 0.2, -1" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/></film></sensor></scene>"#
+        )
+    };
+    let point = |y: f64, i: f64| {
+        format!(
+            r#"<emitter type="point"><point name="position" value="0.1,{y},1"/><float name="intensity" value="{i}"/></emitter>"#
+        )
+    };
+    let pane = r#"<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="9"/><translate y="-1.5"/></transform>
+      <bsdf type="conductor"/></shape>"#;
+    let both = forward(&text(&point(0.5, 1.0), pane), &[], 1 << 10)[0];
+    let images = forward(&text(&format!("{}{}", point(0.5, 1.0), point(-3.5, 1.0)), ""), &[], 1 << 10)[0];
+    assert!((both.value[0] / images.value[0] - 1.0).abs() < 5e-3, "{both:?} {images:?}");
+}
+
 /// A ball of glass and fog before an environment.
 const BALL: &str = r#"<scene version="3.0.0"><default name="ior" value="1.4"/><default name="x" value="0.1"/><default name="r" value="0.8"/><default name="cam" value="0.3"/><default name="yaw" value="0"/>
   <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>

@@ -13,6 +13,7 @@ use tyndall::scene::desc::Param;
 use tyndall::scene::parts::{LightKindPart, Movable, Parts, ShapeKind, SurfacePart, VolumePart};
 use tyndall::scene::{Scene, SceneDesc};
 use tyndall::shape::Geometry;
+use tyndall::surface::microfacet::Distribution;
 
 #[derive(Serialize)]
 pub struct SceneInfo {
@@ -189,6 +190,10 @@ fn surface(s: &SurfacePart<f64>) -> String {
         }
         SurfacePart::Conductor { eta, k, two_sided } => {
             format!("conductor, eta {}, k {}{}", color(eta), color(k), if *two_sided { ", two-sided" } else { "" })
+        }
+        SurfacePart::Rough { distribution, alpha, smooth } => {
+            let kind = if *distribution == Distribution::Ggx { "ggx" } else { "beckmann" };
+            format!("rough {}, alpha {} ({kind})", surface(smooth), number(*alpha))
         }
         SurfacePart::Diffuse { reflectance, two_sided } => {
             format!("diffuse, reflectance {}{}", color(reflectance), if *two_sided { ", two-sided" } else { "" })
