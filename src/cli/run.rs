@@ -103,7 +103,7 @@ impl Setup {
     }
 }
 
-fn find_sensor(wanted: Option<&str>, parts: &Parts<f64>) -> Result<usize> {
+pub fn find_sensor(wanted: Option<&str>, parts: &Parts<f64>) -> Result<usize> {
     let n = parts.sensors.len();
     match wanted {
         None => Ok(0),
