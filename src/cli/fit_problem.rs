@@ -143,7 +143,10 @@ impl Prepared {
             return Err(Error::usage(what, "a number and an id may mean the same sensor: name each once"));
         }
         if args.study.crop.is_some() && sensors.len() > 1 {
-            return Err(Error::usage("`--crop` is for one sensor, several are fitted", "give the films crops of their own"));
+            return Err(Error::usage(
+                "`--crop` is for one sensor, several are fitted",
+                "give the films crops of their own",
+            ));
         }
         let files = picture_files(&target, s, &given.base, &sensors, &sensor_names, &parts)?;
         if let Some((name, _)) = args.bounds.iter().find(|(n, _)| !wrt.contains(n)) {
@@ -319,7 +322,10 @@ fn picture_files(
         None => Ok(files),
         Some(&lost) => {
             let what = format!("targets: there is no picture for the sensor `{}`", names[lost]);
-            Err(Error::usage(what, format!("add {} = \"FILE.exr\" to `targets`, or leave it out of `sensors`", names[lost])))
+            Err(Error::usage(
+                what,
+                format!("add {} = \"FILE.exr\" to `targets`, or leave it out of `sensors`", names[lost]),
+            ))
         }
     }
 }

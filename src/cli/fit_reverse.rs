@@ -55,7 +55,16 @@ pub fn run(
         fitted.iter().map(|v| v.1.iter().flat_map(|x| x.0).map(f64::to_bits).collect()).collect();
     let identity = format!(
         "{:016x} {:?} {:?} {:?} {:?} {} {} {:?} {:?} {:?} {subset} {refine:?} {variation:?} {pixels:?}",
-        p.setup.desc.hash, p.unknowns, p.fields, p.sensors, p.loss, p.spp, p.half_life, p.rule, p.terms, args.study.crop
+        p.setup.desc.hash,
+        p.unknowns,
+        p.fields,
+        p.sensors,
+        p.loss,
+        p.spp,
+        p.half_life,
+        p.rule,
+        p.terms,
+        args.study.crop
     );
     let problem = Problem {
         family: &p.family,
@@ -73,9 +82,8 @@ pub fn run(
         total_variation: variation,
         identity,
     };
-    let all: Vec<(View, String, bool)> = (0..p.sensor_names.len())
-        .map(|i| (p.view_of(i), p.sensor_names[i].clone(), p.sensors.contains(&i)))
-        .collect();
+    let all: Vec<(View, String, bool)> =
+        (0..p.sensor_names.len()).map(|i| (p.view_of(i), p.sensor_names[i].clone(), p.sensors.contains(&i))).collect();
     let several = p.starts.len() * p.seeds.len() > 1;
     let mut pace = Pace::new(log);
     let mut done: Vec<Done> = Vec::new();
@@ -159,15 +167,13 @@ pub fn run(
 
 fn fitted<'a>(p: &'a Prepared, sensor: usize, targets: &Targets) -> Result<(View<'a>, Vec<Rgb>)> {
     let target = targets[sensor].as_ref();
-    let target = target.ok_or_else(|| Error::Runtime(format!("the sensor `{}` has no target", p.sensor_names[sensor])))?;
+    let target =
+        target.ok_or_else(|| Error::Runtime(format!("the sensor `{}` has no target", p.sensor_names[sensor])))?;
     Ok((p.view_of(sensor), target.pixels.iter().map(|x| Rgb(x.map(f64::from))).collect()))
 }
 
 /// The turntable's view and way.
-fn way<'a>(
-    p: &'a Prepared,
-    t: &'a tyndall::inverse::settings::Turntable,
-) -> Result<(View<'a>, turntable::Way<'a>)> {
+fn way<'a>(p: &'a Prepared, t: &'a tyndall::inverse::settings::Turntable) -> Result<(View<'a>, turntable::Way<'a>)> {
     let desc = &p.setup.desc;
     desc.wrt(&t.parameter)?;
     let sensor = find_sensor(t.sensor.as_deref(), &Parts::read(desc, &desc.values::<f64>())?)?;
@@ -203,7 +209,9 @@ fn line(number: usize, iteration: usize, s: &Step, p: &Prepared) -> String {
     let (loss, error) = (format::number(s.loss), format::number(s.error));
     let values: Vec<String> = s.scalars.iter().map(|&x| format::number(x)).collect();
     let lattice = if p.fields.is_empty() { String::new() } else { format!(", every {} voxels", s.spacing) };
-    format!("run {number} iteration {iteration}: loss {loss} +- {error}{lattice} {}", values.join(" ")).trim_end().into()
+    format!("run {number} iteration {iteration}: loss {loss} +- {error}{lattice} {}", values.join(" "))
+        .trim_end()
+        .into()
 }
 
 /// One line an iteration of every run.

@@ -204,7 +204,9 @@ mod tests {
             let l = Lattice::new(&v, spacing);
             let next = l.neighbours(&v, |n| n == 3);
             let mut count = 0;
-            for (n, m) in next.iter().enumerate().flat_map(|(n, m)| m.iter().enumerate().map(move |(a, m)| ((n, a), *m))) {
+            for (n, m) in
+                next.iter().enumerate().flat_map(|(n, m)| m.iter().enumerate().map(move |(a, m)| ((n, a), *m)))
+            {
                 if m != NONE {
                     let (p, q) = (l.place(&v, n.0), l.place(&v, m as usize));
                     assert_eq!(q[n.1], p[n.1] + 1);

@@ -183,7 +183,8 @@ pub fn fit(
 impl<'a> Run<'a> {
     fn new(p: &'a Problem<'a>, start: &[Option<f64>], seed: u64) -> Result<Self> {
         let names: Vec<String> = p.scalars.iter().chain(p.fields).map(|u| u.name.clone()).collect();
-        let values: Vec<(&str, f64)> = p.scalars.iter().zip(start).filter_map(|(u, x)| Some((u.name.as_str(), (*x)?))).collect();
+        let values: Vec<(&str, f64)> =
+            p.scalars.iter().zip(start).filter_map(|(u, x)| Some((u.name.as_str(), (*x)?))).collect();
         let (member, params) = member(p, &names, &values)?;
         let mut run = Run { p, seed, names, member, params, parts: Vec::new(), level: 0 };
         for f in p.fields {
@@ -208,7 +209,11 @@ impl<'a> Run<'a> {
         let mut first = self.p.scalars.len();
         for q in &mut self.parts {
             q.lattice = Lattice::new(&q.positions, spacing);
-            q.next = if self.p.total_variation > 0.0 { q.lattice.neighbours(&q.positions, |n| q.tiles[n]) } else { Vec::new() };
+            q.next = if self.p.total_variation > 0.0 {
+                q.lattice.neighbours(&q.positions, |n| q.tiles[n])
+            } else {
+                Vec::new()
+            };
             q.range = first..first + q.lattice.len() * q.voxels.field.channels();
             first = q.range.end;
         }
@@ -224,10 +229,12 @@ impl<'a> Run<'a> {
         (0..self.p.scalars.len()).chain(self.parts.iter().map(|q| q.range.start))
     }
 
+    /// First step sizes. Those of fields halve with every refinement: a node then gathers the gradients of an eighth of the voxels, and what steps are made of
+    /// is noise to a larger share.
     fn rates(&self) -> Vec<f64> {
         let mut v: Vec<f64> = self.p.scalars.iter().map(|u| u.rate).collect();
         for (q, f) in self.parts.iter().zip(self.p.fields) {
-            v.resize(v.len() + q.range.len(), f.rate);
+            v.resize(v.len() + q.range.len(), f.rate * 0.5f64.powi(self.level as i32));
         }
         v
     }
@@ -249,8 +256,12 @@ impl<'a> Run<'a> {
                     let own: Vec<f64> = q.voxels.field.active().map(share).collect();
                     if let Some(i) = own.iter().position(|u| !(-1e-6..=1.0 + 1e-6).contains(u)) {
                         let v = f.min + own[i] * f.extent();
-                        let what = format!("start: a voxel of `{}` is {v}, outside its bounds {} to {}", f.name, f.min, f.max);
-                        return Err(Error::usage(what, "give wider bounds, or a constant start = [{ \"ID.sigma_t.grid\" = 1.0 }]"));
+                        let what =
+                            format!("start: a voxel of `{}` is {v}, outside its bounds {} to {}", f.name, f.min, f.max);
+                        return Err(Error::usage(
+                            what,
+                            "give wider bounds, or a constant start = [{ \"ID.sigma_t.grid\" = 1.0 }]",
+                        ));
                     }
                     let own: Vec<f64> = own.into_iter().map(|u| u.clamp(0.0, 1.0)).collect();
                     u.extend(q.lattice.means(&q.positions, q.voxels.field.channels(), &own, 0.5));
@@ -263,7 +274,8 @@ impl<'a> Run<'a> {
 
     /// The next finer lattice; the fields stay as they are.
     fn refine(&mut self, s: &mut State) {
-        let before: Vec<(Lattice, Range<usize>)> = self.parts.iter().map(|q| (q.lattice.clone(), q.range.clone())).collect();
+        let before: Vec<(Lattice, Range<usize>)> =
+            self.parts.iter().map(|q| (q.lattice.clone(), q.range.clone())).collect();
         self.set_level(self.level + 1);
         let mut u = s.adam.u[..self.p.scalars.len()].to_vec();
         for (q, (coarse, range)) in self.parts.iter().zip(before) {

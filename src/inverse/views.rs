@@ -32,7 +32,13 @@ pub fn psnr(picture: &RgbImage, target: &RgbImage) -> f64 {
 }
 
 /// Render every view and compare.
-pub fn look(scene: &Scene, views: &[(View, String, bool)], targets: &Targets, spp: u64, seed: u64) -> Result<Vec<Seen>> {
+pub fn look(
+    scene: &Scene,
+    views: &[(View, String, bool)],
+    targets: &Targets,
+    spp: u64,
+    seed: u64,
+) -> Result<Vec<Seen>> {
     let one = |(view, name, fitted): &(View, String, bool)| {
         let picture = image(&view.picture(scene, spp, stream(seed, 11, 0))?);
         let psnr = targets[view.sensor].as_ref().map(|t| psnr(&picture, t)).filter(|x| x.is_finite());
@@ -50,7 +56,11 @@ pub fn write(path: &Path, seen: &[Seen], views: &[(View, String, bool)], targets
         let name: String = s.sensor.chars().take(10).collect();
         let title = if s.fitted { format!("{name} found") } else { format!("{name} unseen") };
         sheet.panels.push(Panel::picture(title, &s.picture, exposure));
-        sheet.panels.push(Panel::picture(if target.is_some() { "target" } else { "no target" }, target.unwrap_or(&s.picture), exposure));
+        sheet.panels.push(Panel::picture(
+            if target.is_some() { "target" } else { "no target" },
+            target.unwrap_or(&s.picture),
+            exposure,
+        ));
     }
     sheet.write(path)
 }

@@ -147,7 +147,7 @@ fn what_has_no_such_gradient_is_refused_by_name() {
         ("check s.xml --wrt smoke.sigma_t.grid".into(), ["`check` takes `$parameters` only", "tyndall grad"]),
         (
             "fit s.xml --wrt smoke.sigma_t.grid --target ref.exr".into(),
-            ["`fit` takes `$parameters` only", "tyndall grad"],
+            ["`smoke.sigma_t.grid` has no bounds", "--bounds smoke.sigma_t.grid=0,MAX"],
         ),
     ] {
         let (out, err) = f.run(2, &line);
