@@ -41,7 +41,7 @@ const FIT: &str = r#"scene = "s.xml"
 wrt = ["smoke.sigma_t.grid"]
 sensors = ["front", "side"]
 refine = [15, 30]
-iterations = 44
+iterations = 200
 half_life = 12
 spp = 4
 rate = { "smoke.sigma_t.grid" = 0.06 }
@@ -81,7 +81,6 @@ fn smoke_is_found_from_two_views_and_a_fit_that_was_stopped_makes_the_same_bits(
     let f = folder();
     let turn = "\n[turntable]\nparameter = \"turn\"\nsensor = \"between\"\nrange = [0, 360]\nframes = 2\nspp = 2\n";
     fs::write(f.path("turn.toml"), FIT.to_string() + turn).unwrap();
-    // Too short to settle or not, what is found is measured.
     f.run(0, "fit turn.toml -o out");
     let v = json(&f, "out/fit.json");
     let run = &v["runs"][0];
@@ -128,7 +127,7 @@ fn a_scalar_beside_voxels_subsets_of_views_and_total_variation() {
     let text = FIT
         .replace("wrt = [", "wrt = [\"scale\", ")
         .replace("bounds = {", "views = 1\ntotal_variation = 10.0\nbounds = { scale = [0.1, 2],")
-        .replace("iterations = 44", "iterations = 31");
+        .replace("iterations = 200", "iterations = 31");
     fs::write(f.path("fit.toml"), text).unwrap();
     let (_, err) = f.run(3, "fit fit.toml -o out --frames 0");
     assert!(err.contains("run 1 (the iterations are over)"), "{err}");
@@ -148,7 +147,7 @@ fn targets_are_files_a_sensor_and_bad_input_is_named() {
         f.run(0, &format!("render s.xml -s {name} --spp 16 --seed 3 -o {name}.exr"));
     }
     let head = &FIT[..FIT.find("[target]").unwrap()];
-    let one = head.replace("iterations = 44", "iterations = 1").replace("sensors = [\"front\", \"side\"]\n", "");
+    let one = head.replace("iterations = 200", "iterations = 1").replace("sensors = [\"front\", \"side\"]\n", "");
     fs::write(f.path("fit.toml"), format!("{one}targets = {{ front = \"front.exr\", side = \"side.exr\" }}")).unwrap();
     f.run(3, "fit fit.toml -o files");
     assert_eq!(json(&f, "files/fit.json")["sensors"], serde_json::json!(["front", "side"]));
@@ -183,4 +182,36 @@ fn targets_are_files_a_sensor_and_bad_input_is_named() {
         let (_, err) = f.run(2, "fit fit.toml -o bad");
         assert!(err.contains(part) && err.contains("help: "), "{text}\n{err}");
     }
+}
+
+#[test]
+fn all_cameras_in_one_call_are_the_sum_and_the_mean_of_one_by_one() {
+    let f = folder();
+    let names = ["front", "side", "between"];
+    for name in names {
+        f.run(0, &format!("render s.xml -s {name} --spp 2 --seed 3 -D scale=0.5 -o {name}.exr"));
+    }
+    let gradient = |line: &str| -> (f64, Value) {
+        let (out, _) = f.run(0, &format!("grad s.xml --wrt scale --seed 4 --spp 16 --json {line}"));
+        let v: Value = serde_json::from_str(&out).unwrap();
+        (v["gradient"]["scale"].as_f64().unwrap(), v)
+    };
+    let (sum, v) = gradient("-s all --adjoint front.exr,side.exr,between.exr");
+    let each: Vec<f64> = names.iter().map(|n| gradient(&format!("-s {n} --adjoint {n}.exr")).0).collect();
+    assert!(each.iter().all(|g| *g != 0.0) && (sum / each.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{sum} {each:?}");
+    assert_eq!(v["cameras"][2]["sensor"], "between");
+
+    let (mean, v) = gradient("-s all --loss l1 --target front.exr,side.exr,between.exr");
+    let each: Vec<(f64, Value)> =
+        names.iter().map(|n| gradient(&format!("-s {n} --loss l1 --target {n}.exr"))).collect();
+    assert!((3.0 * mean / each.iter().map(|g| g.0).sum::<f64>() - 1.0).abs() < 1e-12);
+    let losses: f64 = each.iter().map(|g| g.1["loss"]["value"].as_f64().unwrap()).sum();
+    assert!((3.0 * v["loss"]["value"].as_f64().unwrap() / losses - 1.0).abs() < 1e-12);
+    assert_eq!(v["cameras"][1]["loss"], each[1].1["loss"]["value"]);
+    assert!(v["loss"]["bias"].as_str().unwrap().starts_with("biased"));
+
+    let (_, err) = f.run(2, "grad s.xml --wrt scale -s all --loss l2 --target front.exr");
+    assert!(err.contains("1 image for 3 sensors") && err.contains("--target one .exr for each"), "{err}");
+    let (_, err) = f.run(2, "render s.xml -s all");
+    assert!(err.contains("`--sensor all` is for gradients"), "{err}");
 }
