@@ -158,7 +158,7 @@ impl GradArgs {
                 None => (self.image(path, &setup)?, None),
                 Some(kind) => {
                     let (mut adjoint, report) = self.adjoint_of_loss(kind, path, &mut setup, sensors.len(), log)?;
-                    adjoint.iter_mut().for_each(|a| *a = *a / sensors.len() as f64);
+                    adjoint.iter_mut().for_each(|a| *a *= 1.0 / sensors.len() as f64);
                     (adjoint, Some(report))
                 }
             };

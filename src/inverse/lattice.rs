@@ -155,7 +155,7 @@ mod tests {
 
     /// Part of a box with negative positions.
     fn voxels() -> Vec<[i32; 3]> {
-        let all = (0..9 * 7 * 5).map(|i| [i / 35 - 4, i / 5 % 7 - 3, i % 5]);
+        let all = (0..9 * 7 * 5).map(|i: i32| [i / 35 - 4, i / 5 % 7 - 3, i % 5]);
         all.filter(|p| (p[0] * 3 + p[1] + p[2]).rem_euclid(4) != 0).collect()
     }
 

@@ -319,7 +319,7 @@ impl<'a> Run<'a> {
             let round = (iteration * chosen.len() + turn) as u64;
             let a = view.picture(scene, p.spp, stream(self.seed, 1, round))?;
             let mut e = p.loss.evaluate(&a.film, target)?;
-            e.adjoint.iter_mut().for_each(|x| *x = *x * share);
+            e.adjoint.iter_mut().for_each(|x| *x *= share);
             let b = view.gradient(scene, &self.params, &e.adjoint, p.spp, stream(self.seed, 2, round))?;
             health.merge(&a.film.health);
             health.merge(&b.film.health);
