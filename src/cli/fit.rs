@@ -20,12 +20,18 @@ use tyndall::render::health::Health;
 
 /// Find parameters of a scene from a picture: inverse rendering
 ///
-/// INPUT is a scene, or a fit.toml that names one. Forward mode; the gradient of the loss is unbiased (picture and derivative
-/// from independent samples). Adam in the box of the bounds, with a step size that halves every --half-life iterations down to a floor.
+/// INPUT is a scene, or a fit.toml that names one. The gradient of an l2 loss is unbiased (picture and derivative
+/// from independent samples); that of relative-l2, too; l1 takes the sign of noisy pixels and is biased where the noise is larger than the error. Adam in the box of the bounds, with a step size that halves every --half-life iterations down to a floor.
 ///
 /// A run has converged when over the last --window iterations every parameter stayed within --tolerance of its bounds'
 /// extent, although the steps could have carried it twice as far and its gradient was not 0 all the while, and the
 /// loss fell no further (its second half's mean is not two standard errors below the first's). The values are means over that window.
+///
+/// Beside `$parameters`, `--wrt` takes arrays of voxels (ID.sigma_t.grid, ID.albedo.grid, ID.emission.grid, ID.temperature.grid): reverse mode, from one sensor or from several
+/// (`sensors`, `targets` in the fit.toml), on grids that are refined as the fit goes on (`refine`). A field has converged when, at full resolution,
+/// its mean over half a --window differs from that over the half before by --tolerance in the root mean square over its voxels, and the loss fell no further. It is written as
+/// ID.sigma_t.vdb, which can stand in for the file that it came from.
+///
 /// Runs that end otherwise (iterations, time) are reported all the same; the exit code is 3.
 #[derive(Args)]
 pub struct FitArgs {
@@ -83,6 +89,13 @@ pub struct FitArgs {
     /// Frames of the animated picture of every run; 0: none
     #[arg(long, value_name = "N", default_value_t = 32)]
     pub frames: usize,
+    /// Go on with the runs whose states are in the folder (fits of voxels, or from several sensors). Only --iterations and
+    /// --max-time may differ from before
+    #[arg(long)]
+    pub resume: bool,
+    /// How often such a fit saves its state; it does so at its end, too, and when a signal comes
+    #[arg(long, value_name = "TIME", value_parser = duration, default_value = "300s")]
+    pub checkpoint_every: Duration,
     #[command(flatten)]
     pub study: StudyOptions,
     #[command(flatten)]
@@ -132,12 +145,18 @@ impl FitArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
         let given = Given::new(self)?;
         let folder = self.output.clone().unwrap_or_else(|| files::default_name(&self.input, ".fit"));
-        files::check_folder(&folder, self.study.overwrite)?;
+        files::check_folder(&folder, self.study.overwrite || self.resume)?;
         let prepared = Prepared::new(&given, self, log)?;
+        if !prepared.is_reverse() {
+            self.forward_only(&given.settings)?;
+        }
         let health = Health::new();
         let targets = prepared.targets(&health)?;
         files::make_folder(&folder)?;
         prepared.write_target(&folder, &targets)?;
+        if prepared.is_reverse() {
+            return super::fit_reverse::run(self, &prepared, &given.settings, &targets, &folder, &health, log);
+        }
         let problem = prepared.problem(&targets)?;
         let mut pace = Pace::new(log);
         let mut runs: Vec<Recovered> = Vec::new();
@@ -186,6 +205,24 @@ impl FitArgs {
         let samples = runs.iter().map(|r| r.iterations as u64).sum::<u64>() * 2 * problem.spp * pixels;
         health.check(samples, self.study.health_limit)?;
         if report.converged { Ok(0) } else { Err(failure(&runs)) }
+    }
+
+    /// What a fit of scalars from one view does not know.
+    fn forward_only(&self, s: &tyndall::inverse::Settings) -> Result<()> {
+        let keys = [
+            ("`--resume`", self.resume),
+            ("`views`", s.views.is_some()),
+            ("`refine`", s.refine.is_some()),
+            ("`total_variation`", s.total_variation.is_some()),
+            ("`turntable`", s.turntable.is_some()),
+        ];
+        match keys.iter().find(|k| k.1) {
+            None => Ok(()),
+            Some((key, _)) => Err(Error::usage(
+                format!("{key} is for fits of voxels, or from several sensors"),
+                "leave it out, or name an array of voxels in `wrt`, or several `sensors`",
+            )),
+        }
     }
 
     fn report<'a>(&'a self, p: &'a Prepared, runs: &[Recovered], health: &'a Health) -> Report<'a> {

@@ -2,8 +2,8 @@
 
 use super::fit::FitArgs;
 use super::log::Log;
-use super::options::{SceneOptions, parameters};
-use super::run::{Setup, left_out};
+use super::options::{SceneOptions, parameters, parameters_and_arrays};
+use super::run::{Setup, find_sensor, left_out};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tyndall::error::{Error, Result};
@@ -18,7 +18,9 @@ use tyndall::math::Rgb;
 use tyndall::render::family::{Family, View};
 use tyndall::render::health::Health;
 use tyndall::render::plan::Terms;
+use tyndall::scene::arrays;
 use tyndall::scene::desc::suggest;
+use tyndall::scene::parts::Parts;
 
 /// Defaults of options.
 const RATE: f64 = 0.03;
@@ -31,7 +33,7 @@ const TARGET_SPP: u64 = 1024;
 /// The inputs, read.
 pub struct Given {
     scene: SceneOptions,
-    settings: Settings,
+    pub settings: Settings,
     /// Where names of the settings start.
     base: PathBuf,
 }
@@ -64,7 +66,16 @@ impl Given {
 pub struct Prepared {
     pub setup: Setup,
     pub family: Family,
+    /// Scalars.
     pub unknowns: Vec<Unknown>,
+    /// Arrays of voxels.
+    pub fields: Vec<Unknown>,
+    /// Sensors that are fitted, by number, and the names of all.
+    pub sensors: Vec<usize>,
+    pub sensor_names: Vec<String>,
+    /// One picture a fitted sensor, where files are given.
+    files: Vec<(usize, String)>,
+    /// Scalars, then fields: NaN where the file's own values are meant.
     pub starts: Vec<Vec<f64>>,
     pub seeds: Vec<u64>,
     /// True values of the unknowns where the target is rendered from values.
@@ -74,8 +85,8 @@ pub struct Prepared {
     pub loss: Loss,
     pub spp: u64,
     pub iterations: usize,
-    max_time: Duration,
-    half_life: f64,
+    pub max_time: Duration,
+    pub half_life: f64,
     pub rule: StopRule,
     pub terms: Vec<String>,
 }
@@ -84,7 +95,11 @@ impl Prepared {
     pub fn new(given: &Given, args: &FitArgs, log: &Log) -> Result<Self> {
         let s = &given.settings;
         let wrt = if args.wrt.is_empty() { s.wrt.as_deref().unwrap_or(&[]) } else { &args.wrt };
-        let wrt = parameters(wrt, "fit")?;
+        let mut wrt = parameters_and_arrays(wrt)?;
+        let others: Vec<String> = wrt.iter().filter(|n| !arrays::is_voxels(n)).cloned().collect();
+        parameters(&others, "fit")?;
+        // Scalars first.
+        wrt.sort_by_key(|n| arrays::is_voxels(n));
         if wrt.is_empty() {
             return Err(Error::usage("nothing to find", "give --wrt a,b, or `wrt = [\"a\", \"b\"]` in the fit.toml"));
         }
@@ -92,6 +107,7 @@ impl Prepared {
             (Some(path), _) => Target::File(path.display().to_string()),
             (None, Some(Target::File(name))) => Target::File(given.base.join(name).display().to_string()),
             (None, Some(t)) => t.clone(),
+            (None, None) if !s.targets.is_empty() => Target::File(String::new()),
             (None, None) => {
                 let remedy = "give --target REF.exr, or a `target` in the fit.toml: a file, or a table of values";
                 return Err(Error::usage("there is no picture to match", remedy));
@@ -103,19 +119,46 @@ impl Prepared {
         };
         let chosen = Terms::parse(&terms)?;
         let mut render = args.study.render(args.spp);
-        render.sensor = render.sensor.or(s.sensor.clone());
+        let listed = match (&render.sensor, &s.sensors) {
+            (Some(_), _) => None,
+            (None, Some(list)) => Some(list.get_ref().clone()),
+            (None, None) if !s.targets.is_empty() => Some(s.targets.keys().cloned().collect()),
+            (None, None) => None,
+        };
+        let all = render.sensor.as_deref().or(s.sensor.as_deref()) == Some("all") && listed.is_none();
+        render.sensor = listed.as_ref().map(|l| l[0].clone()).or(render.sensor.or(s.sensor.clone()).filter(|_| !all));
         let setup = Setup::new(&given.scene, &render, &wrt, log)?;
         if let Some(w) = left_out(&setup, &chosen) {
             log.warn(w);
         }
+        let parts = Parts::read(&setup.desc, &setup.desc.values::<f64>())?;
+        let sensor_names: Vec<String> = parts.sensors.iter().map(|s| s.name.clone()).collect();
+        let sensors: Vec<usize> = match &listed {
+            Some(list) => list.iter().map(|n| find_sensor(Some(n), &parts)).collect::<Result<_>>()?,
+            None if all => (0..sensor_names.len()).collect(),
+            None => vec![setup.sensor],
+        };
+        if let Some(twice) = sensors.iter().enumerate().find(|(i, n)| sensors[..*i].contains(n)) {
+            let what = format!("sensors: `{}` is named twice", sensor_names[*twice.1]);
+            return Err(Error::usage(what, "a number and an id may mean the same sensor: name each once"));
+        }
+        if args.study.crop.is_some() && sensors.len() > 1 {
+            return Err(Error::usage(
+                "`--crop` is for one sensor, several are fitted",
+                "give the films crops of their own",
+            ));
+        }
+        let files = picture_files(&target, s, &given.base, &sensors, &sensor_names, &parts)?;
         if let Some((name, _)) = args.bounds.iter().find(|(n, _)| !wrt.contains(n)) {
             let what = format!("--bounds: `{name}` is not among the parameters to find");
             return Err(Error::usage(what, suggest(name, wrt.iter().map(String::as_str))));
         }
         let family = Family::file(&given.scene.scene, &given.scene.define, given.scene.load(args.study.repair_voxels));
-        let unknowns = wrt.iter().map(|n| unknown(n, &setup, s, args)).collect::<Result<Vec<_>>>()?;
+        let all = wrt.iter().map(|n| unknown(n, &setup, s, args)).collect::<Result<Vec<_>>>()?;
+        let (fields, unknowns): (Vec<Unknown>, Vec<Unknown>) =
+            all.iter().cloned().partition(|u| arrays::is_voxels(&u.name));
         unknowns.iter().try_for_each(|u| try_bounds(u, &family, s, args))?;
-        let starts = starts(&unknowns, &setup, s, args)?;
+        let starts = starts(&all, &setup, s, args)?;
         let rendered = if let Target::Values(r) = &target { Some(r) } else { None };
         if let Some(name) = rendered.and_then(|r| r.values.keys().find(|n| !has(&setup, n))) {
             let names = setup.desc.params.iter().map(|p| p.name.as_str());
@@ -138,13 +181,17 @@ impl Prepared {
         };
         Ok(Prepared {
             family,
-            truth: wrt.iter().map(truth).collect(),
+            truth: unknowns.iter().map(|u| truth(&u.name)).collect(),
             target_name: match &target {
                 Target::File(f) => f.clone(),
                 Target::Values(_) => "target.exr".into(),
             },
             target,
             unknowns,
+            fields,
+            sensors,
+            sensor_names,
+            files,
             starts,
             seeds,
             loss: args.loss.map(Into::into).or(s.loss).unwrap_or_default(),
@@ -159,25 +206,43 @@ impl Prepared {
     }
 
     fn view(&self) -> View<'_> {
+        self.view_of(self.setup.sensor)
+    }
+
+    /// A sensor's view: cropped as the command line or its film asks.
+    pub fn view_of(&self, sensor: usize) -> View<'_> {
         let s = &self.setup;
-        View { sensor: s.sensor, crop: s.crop, terms: &self.terms, stop: Some(s.stop.flag()) }
+        let crop = if sensor == s.sensor { s.crop } else { s.scene.films[sensor].part.crop };
+        View { sensor, crop, terms: &self.terms, stop: Some(s.stop.flag()) }
+    }
+
+    /// Whether the fit goes in reverse mode: for voxels, and for several views.
+    pub fn is_reverse(&self) -> bool {
+        !self.fields.is_empty() || self.sensors.len() > 1
+    }
+
+    /// Whether targets are rendered from values.
+    pub fn rendered(&self) -> Option<&Rendered> {
+        if let Target::Values(r) = &self.target { Some(r) } else { None }
     }
 
     /// What every sensor should see: read, or rendered from the target's values.
     pub fn targets(&self, health: &Health) -> Result<Targets> {
         let mut targets = vec![None; self.setup.scene.sensors.len()];
         match &self.target {
-            Target::File(name) => {
-                let image = exr::read_rgb(Path::new(name)).map_err(|e| {
-                    Error::usage(e.to_string(), "give an .exr with the channels R, G and B as --target")
-                })?;
-                let crop = self.setup.crop;
-                let pixels = loss::crop_of(&image, name, crop, self.setup.full_size())?;
-                targets[self.setup.sensor] = Some(RgbImage {
-                    width: crop[2] - crop[0],
-                    height: crop[3] - crop[1],
-                    pixels: pixels.iter().map(|p| p.0.map(|x| x as f32)).collect(),
-                });
+            Target::File(_) => {
+                for (sensor, name) in &self.files {
+                    let image = exr::read_rgb(Path::new(name)).map_err(|e| {
+                        Error::usage(e.to_string(), "give an .exr with the channels R, G and B as --target")
+                    })?;
+                    let (crop, film) = (self.view_of(*sensor).crop, &self.setup.scene.sensors[*sensor]);
+                    let pixels = loss::crop_of(&image, name, crop, [film.width, film.height])?;
+                    targets[*sensor] = Some(RgbImage {
+                        width: crop[2] - crop[0],
+                        height: crop[3] - crop[1],
+                        pixels: pixels.iter().map(|p| p.0.map(|x| x as f32)).collect(),
+                    });
+                }
             }
             Target::Values(Rendered { values, spp, seed }) => {
                 let values: Vec<(&str, f64)> = values.iter().map(|(n, x)| (n.as_str(), *x)).collect();
@@ -196,14 +261,20 @@ impl Prepared {
 
     /// A target that was rendered is kept beside the fit.
     pub fn write_target(&self, folder: &Path, targets: &Targets) -> Result<()> {
-        match (&self.target, &targets[self.setup.sensor]) {
-            (Target::Values(_), Some(t)) => {
-                let mut file = ExrImage::new(t.width, t.height);
-                file.push_rgb("", &t.pixels);
-                exr::write(&folder.join(&self.target_name), &file)
-            }
-            _ => Ok(()),
+        if self.rendered().is_none() {
+            return Ok(());
         }
+        for &sensor in &self.sensors {
+            let Some(t) = &targets[sensor] else { continue };
+            let name = match self.sensors.len() {
+                1 => self.target_name.clone(),
+                _ => format!("target_{}.exr", self.sensor_names[sensor]),
+            };
+            let mut file = ExrImage::new(t.width, t.height);
+            file.push_rgb("", &t.pixels);
+            exr::write(&folder.join(name), &file)?;
+        }
+        Ok(())
     }
 
     pub fn problem<'a>(&'a self, targets: &'a Targets) -> Result<Problem<'a>> {
@@ -224,21 +295,78 @@ impl Prepared {
     }
 }
 
+/// The picture of every fitted sensor, where files are given.
+fn picture_files(
+    target: &Target,
+    s: &Settings,
+    base: &Path,
+    sensors: &[usize],
+    names: &[String],
+    parts: &Parts<f64>,
+) -> Result<Vec<(usize, String)>> {
+    let Target::File(one) = target else { return Ok(Vec::new()) };
+    if !one.is_empty() {
+        return match sensors {
+            [only] => Ok(vec![(*only, one.clone())]),
+            _ => Err(Error::usage(
+                format!("one picture ({one}) for {} sensors", sensors.len()),
+                "write targets = { ID = \"ID.exr\", ... } in the fit.toml: a picture for each sensor",
+            )),
+        };
+    }
+    let mut files = Vec::new();
+    for (name, file) in &s.targets {
+        files.push((find_sensor(Some(name), parts)?, base.join(file).display().to_string()));
+    }
+    match sensors.iter().find(|s| !files.iter().any(|f| f.0 == **s)) {
+        None => Ok(files),
+        Some(&lost) => {
+            let what = format!("targets: there is no picture for the sensor `{}`", names[lost]);
+            Err(Error::usage(
+                what,
+                format!("add {} = \"FILE.exr\" to `targets`, or leave it out of `sensors`", names[lost]),
+            ))
+        }
+    }
+}
+
 fn has(setup: &Setup, name: &str) -> bool {
     setup.desc.params.iter().any(|p| p.name == name)
 }
 
 /// Bounds from options, the fit.toml, or the scene's hint, in this order.
 fn unknown(name: &str, setup: &Setup, s: &Settings, args: &FitArgs) -> Result<Unknown> {
-    let hint = setup.desc.params[setup.desc.wrt(name)?].hint;
     let option = args.bounds.iter().rev().find(|b| b.0 == name).map(|b| b.1);
     let file = s.bounds.get(name).map(|b| *b.get_ref());
+    if arrays::is_voxels(name) {
+        return field(name, option.or(file), option.is_some(), s, args);
+    }
+    let hint = setup.desc.params[setup.desc.wrt(name)?].hint;
     let [min, max] = option.or(file).or(hint.min.zip(hint.max).map(|(a, b)| [a, b])).ok_or_else(|| {
         let remedy = format!(
             "give --bounds {name}=MIN,MAX, or [bounds] in the fit.toml, or `<?diff param=\"{name}\" min=\"\" max=\"\"?>` in the scene"
         );
         Error::usage(format!("`{name}` has no bounds"), remedy)
     })?;
+    let rate = args.rate.or(s.rate.get(name).map(|r| *r.get_ref())).unwrap_or(RATE);
+    Ok(Unknown { name: name.into(), min, max, rate })
+}
+
+/// Bounds of all voxels of an array: what no grid may hold is refused.
+fn field(name: &str, bounds: Option<[f64; 2]>, by_option: bool, s: &Settings, args: &FitArgs) -> Result<Unknown> {
+    let share = name.ends_with(".albedo.grid");
+    let [min, max] = bounds.or(share.then_some([0.0, 1.0])).ok_or_else(|| {
+        let remedy = format!("give --bounds {name}=0,MAX, or [bounds] \"{name}\" = [0, MAX] in the fit.toml");
+        Error::usage(format!("`{name}` has no bounds"), remedy)
+    })?;
+    if min < 0.0 || share && max > 1.0 {
+        let what = format!("bounds of `{name}`: voxels cannot be {}", if min < 0.0 { min } else { max });
+        let remedy = if share { "give bounds between 0 and 1" } else { "give a lower bound of 0 or more" };
+        return Err(match s.places.get(name) {
+            Some(place) if !by_option => Error::scene(place, what, remedy),
+            _ => Error::usage(format!("--bounds: {what}"), remedy),
+        });
+    }
     let rate = args.rate.or(s.rate.get(name).map(|r| *r.get_ref())).unwrap_or(RATE);
     Ok(Unknown { name: name.into(), min, max, rate })
 }
@@ -280,6 +408,10 @@ fn starts(unknowns: &[Unknown], setup: &Setup, s: &Settings, args: &FitArgs) -> 
             let own = start.iter().find(|(n, _)| *n == u.name).map(|p| p.1);
             let scene = setup.desc.params.iter().find(|p| p.name == u.name).map_or(f64::NAN, |p| p.value);
             let x = own.unwrap_or(scene);
+            // A field begins with its file's values.
+            if own.is_none() && arrays::is_voxels(&u.name) {
+                return Ok(x);
+            }
             if (u.min..=u.max).contains(&x) {
                 return Ok(x);
             }

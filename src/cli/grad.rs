@@ -3,7 +3,7 @@
 use super::files::{self, Outputs};
 use super::format;
 use super::log::Log;
-use super::loss::{self, Loss, LossReport};
+use super::loss::{self, Camera, Loss, LossReport};
 use super::options::{Edges, LogOptions, RenderOptions, SceneOptions, parameters_and_arrays};
 use super::render::picture;
 use super::run::{self, RunReport, Setup};
@@ -19,6 +19,7 @@ use tyndall::params::{Array, ParamSet};
 use tyndall::render::driver::Mode;
 use tyndall::render::family::stream;
 use tyndall::render::plan::Terms;
+use tyndall::scene::parts::Parts;
 use tyndall::scene::{Scene, arrays};
 
 /// Derivatives with respect to `$parameters` of the scene, gradients with respect to vertices of its meshes and voxels of its grids
@@ -51,13 +52,13 @@ pub struct GradArgs {
     /// so that the gradient is unbiased
     #[arg(long, value_enum, requires = "target", conflicts_with_all = ["adjoint", "preview", "split_terms"])]
     loss: Option<Loss>,
-    /// Reference picture of --loss
-    #[arg(long, value_name = "REF.exr", requires = "loss")]
-    target: Option<PathBuf>,
+    /// Reference picture of --loss; with `--sensor all` one for each sensor, in the scene's order: the loss is then the mean over the sensors
+    #[arg(long, value_name = "REF.exr,...", value_delimiter = ',', requires = "loss")]
+    target: Vec<PathBuf>,
     /// Gradient of sum over pixels and channels of A * I, A = this image. Make A with another --seed than this run's:
-    /// an image of the same random numbers biases the gradient
-    #[arg(long, value_name = "A.exr", conflicts_with_all = ["preview", "split_terms"])]
-    adjoint: Option<PathBuf>,
+    /// an image of the same random numbers biases the gradient. With `--sensor all` one for each sensor; gradients add up
+    #[arg(long, value_name = "A.exr,...", value_delimiter = ',', conflicts_with_all = ["preview", "split_terms"])]
+    adjoint: Vec<PathBuf>,
     /// Terms of the derivative: all, or a list; `tyndall plan` shows them
     #[arg(long, value_name = "TERMS", value_delimiter = ',', default_value = "all")]
     terms: Vec<String>,
@@ -82,7 +83,7 @@ impl GradArgs {
             let remedy = "name an array of voxels, such as --wrt ID.sigma_t.grid, or leave it out";
             return Err(Error::usage("`--dilate` is for arrays of voxels, and `--wrt` has none", remedy));
         }
-        if self.loss.is_some() || self.adjoint.is_some() {
+        if self.loss.is_some() || !self.adjoint.is_empty() {
             return self.reverse(&wrt, terms, log);
         }
         if let Some(name) = wrt.iter().find(|n| arrays::split(n).is_some()) {
@@ -114,7 +115,13 @@ impl GradArgs {
             Some(path) => Some(Outputs::new(path, if voxels { "vdb" } else { "json" }, None, self.render.overwrite)?),
             None => None,
         };
-        let mut setup = Setup::new(&self.scene, &self.render, wrt, log)?;
+        let all = self.render.sensor.as_deref() == Some("all");
+        let mut options = self.render.clone();
+        options.sensor = options.sensor.filter(|_| !all);
+        if all && options.crop.is_some() {
+            return Err(Error::usage("`--crop` is for one sensor", "give the films crops of their own"));
+        }
+        let mut setup = Setup::new(&self.scene, &options, wrt, log)?;
         if self.dilate {
             setup.scene.dilate(&setup.desc, wrt)?;
         }
@@ -124,24 +131,81 @@ impl GradArgs {
         if let Some(w) = run::left_out(&setup, &terms) {
             log.warn(w);
         }
-        let (adjoint, loss) = match (&self.adjoint, self.loss, &self.target) {
-            (Some(path), ..) => (self.image(path, &setup)?, None),
-            (None, Some(kind), Some(target)) => {
-                let (adjoint, report) = self.adjoint_of_loss(kind, target, &mut setup, log)?;
-                (adjoint, Some(report))
-            }
-            _ => return Err(Error::usage("a gradient needs --adjoint, or --loss and --target", "give one of them")),
-        };
-        setup.stop.check()?;
-        let mut job = setup.job(Mode::Reverse(&params, &adjoint), &self.render);
-        (job.terms, job.edges) = (terms, self.edges.into());
-        if let Some(l) = &loss {
-            (job.seed, job.max_time) = (l.gradient_seed, self.half_time());
+        let sensors: Vec<usize> = if all { (0..setup.scene.sensors.len()).collect() } else { vec![setup.sensor] };
+        let images = if self.loss.is_some() { &self.target } else { &self.adjoint };
+        if images.len() != sensors.len() {
+            let what =
+                format!("{} for {}", format::plural(images.len(), "image"), format::plural(sensors.len(), "sensor"));
+            let option = if self.loss.is_some() { "--target" } else { "--adjoint" };
+            let remedy =
+                format!("give {option} one .exr for each, A.exr,B.exr,... in the scene's order (-s all: every sensor)");
+            return Err(Error::usage(what, remedy));
         }
-        let done = run::run(&job, &self.render, &setup.stop, log)?;
+        let names: Vec<String> = {
+            let parts = Parts::read(&setup.desc, &setup.desc.values::<f64>())?;
+            parts.sensors.iter().map(|s| s.name.clone()).collect()
+        };
+        // One camera after the other; gradients add up, those of a mean loss by their share.
+        let (mut total, mut sum): (Option<run::Done>, Sum) = (None, Sum::default());
+        let (mut cameras, mut losses, spp) = (Vec::new(), Vec::new(), setup.spp);
         let files = outputs.as_ref().map_or(Vec::new(), Outputs::all);
-        let mut report = run::report(&setup, &done, &self.render, &files, wrt, &job.terms);
-        report.loss = loss;
+        let mut report = None;
+        for (&sensor, path) in sensors.iter().zip(images) {
+            if all {
+                (setup.sensor, setup.crop, setup.spp) = (sensor, setup.scene.films[sensor].part.crop, spp);
+            }
+            let (adjoint, loss) = match self.loss {
+                None => (self.image(path, &setup)?, None),
+                Some(kind) => {
+                    let (mut adjoint, report) = self.adjoint_of_loss(kind, path, &mut setup, sensors.len(), log)?;
+                    adjoint.iter_mut().for_each(|a| *a *= 1.0 / sensors.len() as f64);
+                    (adjoint, Some(report))
+                }
+            };
+            setup.stop.check()?;
+            let mut job = setup.job(Mode::Reverse(&params, &adjoint), &self.render);
+            (job.terms, job.edges) = (terms.clone(), self.edges.into());
+            job.max_time = self.part_of_time(if loss.is_some() { 2 * sensors.len() } else { sensors.len() });
+            if let Some(l) = &loss {
+                job.seed = l.gradient_seed;
+            }
+            let done = run::run(&job, &self.render, &setup.stop, log)?;
+            let own = run::report(&setup, &done, &self.render, &files, wrt, &job.terms);
+            cameras.push(Camera {
+                sensor: names[sensor].clone(),
+                crop: setup.crop,
+                image: path.display().to_string(),
+                loss: loss.as_ref().map(|l| l.value),
+            });
+            losses.extend(loss);
+            sum.add(&done.outcome.gradient);
+            match &mut total {
+                None => (total, report) = (Some(done), Some(own)),
+                Some(t) => {
+                    t.outcome.film.health.merge(&done.outcome.film.health);
+                    t.complete &= done.complete;
+                    t.outcome.seconds += done.outcome.seconds;
+                    let r = report.get_or_insert(own);
+                    r.samples += done.outcome.spp
+                        * (setup.crop[2] - setup.crop[0]) as u64
+                        * (setup.crop[3] - setup.crop[1]) as u64;
+                }
+            }
+        }
+        let (Some(mut done), Some(mut report)) = (total, report) else {
+            return Err(Error::Runtime("the scene has no sensor".into()));
+        };
+        done.outcome.gradient = sum.finish();
+        if all {
+            report.report.render_time_seconds = done.outcome.seconds;
+            report.report.complete = done.complete;
+            report.report.set_health(&done.outcome.film.health, report.samples, self.render.health_limit);
+            report.cameras = cameras;
+        }
+        let n = losses.len() as f64;
+        let mean = losses.iter().map(|l| l.value).sum::<f64>() / n;
+        let targets = losses.iter().map(|l| l.target.clone()).collect::<Vec<_>>().join(",");
+        report.loss = losses.into_iter().next().map(|l| LossReport { value: mean, target: targets, ..l });
         gradient(&mut report, &params, &setup.scene, &done.outcome.gradient);
         let json = run::to_json(&report)?;
         if let Some(o) = &outputs {
@@ -164,9 +228,9 @@ impl GradArgs {
         loss::fit(&image, &path.display().to_string(), setup.crop, setup.full_size())
     }
 
-    /// Picture and gradient share the time as they share the samples.
-    fn half_time(&self) -> Option<Duration> {
-        self.render.max_time.map(|t| t / 2)
+    /// Cameras, and the picture and the gradient of each, share the time alike.
+    fn part_of_time(&self, parts: usize) -> Option<Duration> {
+        self.render.max_time.map(|t| t / parts as u32)
     }
 
     /// Render the picture with half of the samples; leaves the other half to the gradient. Picture, gradient and target must be
@@ -176,6 +240,7 @@ impl GradArgs {
         kind: Loss,
         target: &Path,
         setup: &mut Setup,
+        cameras: usize,
         log: &Log,
     ) -> Result<(Vec<Rgb>, LossReport)> {
         let reference = self.image(target, setup)?;
@@ -183,13 +248,34 @@ impl GradArgs {
         let spp = total.div_ceil(2);
         let (seed, gradient_seed) = (stream(setup.seed, 7, 0), stream(setup.seed, 8, 0));
         let mut job = setup.job(Mode::Picture, &self.render);
-        (job.spp, job.seed, job.max_time) = (spp, seed, self.half_time());
+        (job.spp, job.seed, job.max_time) = (spp, seed, self.part_of_time(2 * cameras));
         log.detail(format!("rendering the picture of the loss: {spp} samples a pixel, seed {seed}"));
         let done = run::run(&job, &self.render, &setup.stop, log)?;
         let (value, adjoint) = kind.evaluate(&done.outcome.film, &reference)?;
         setup.spp = (total - spp).max(1);
         let target = target.display().to_string();
-        Ok((adjoint, LossReport { kind, value, target, spp: done.outcome.spp, seed, gradient_seed }))
+        Ok((adjoint, LossReport { kind, bias: kind.bias(), value, target, spp: done.outcome.spp, seed, gradient_seed }))
+    }
+}
+
+/// Gradients of several cameras, whose errors are independent.
+#[derive(Default)]
+struct Sum(Option<(Vec<f64>, Vec<f64>)>);
+
+impl Sum {
+    fn add(&mut self, own: &Option<(Vec<f64>, Vec<f64>)>) {
+        let Some((g, e)) = own else { return };
+        match &mut self.0 {
+            None => self.0 = Some((g.clone(), e.clone())),
+            Some((sum, error)) => {
+                sum.iter_mut().zip(g).for_each(|(s, g)| *s += g);
+                error.iter_mut().zip(e).for_each(|(s, e)| *s = s.hypot(*e));
+            }
+        }
+    }
+
+    fn finish(self) -> Option<(Vec<f64>, Vec<f64>)> {
+        self.0
     }
 }
 

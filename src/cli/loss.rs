@@ -12,11 +12,11 @@ pub use tyndall::inverse::loss::crop_of as fit;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Loss {
-    /// Mean of (I - T)^2
+    /// Mean of (I - T)^2: value and gradient unbiased
     L2,
-    /// Mean of |I - T|
+    /// Mean of |I - T|: biased where the noise of a pixel is not far below |I - T|, because its sign is taken
     L1,
-    /// Sum of (I - T)^2 over sum of T^2
+    /// Sum of (I - T)^2 over sum of T^2: unbiased for the target as it is; noise in the target biases the divisor
     RelativeL2,
 }
 
@@ -31,6 +31,10 @@ impl From<Loss> for loss::Loss {
 }
 
 impl Loss {
+    pub fn bias(self) -> &'static str {
+        loss::Loss::from(self).bias()
+    }
+
     /// The loss of a film's picture, and its adjoint image.
     pub fn evaluate(self, film: &Film, target: &[Rgb]) -> Result<(f64, Vec<Rgb>)> {
         let e = loss::Loss::from(self).evaluate(film, target)?;
@@ -41,7 +45,9 @@ impl Loss {
 #[derive(Serialize)]
 pub struct LossReport {
     pub kind: Loss,
-    /// Null where a quadratic loss has one batch only: its bias is not known.
+    /// What value and gradient are, as estimates.
+    pub bias: &'static str,
+    /// Of several cameras the mean. Null where a quadratic loss has one batch only: its bias is not known.
     pub value: f64,
     pub target: String,
     /// Samples a pixel of the picture that the loss was taken from, and its seed.
@@ -49,4 +55,15 @@ pub struct LossReport {
     pub seed: u64,
     /// Seed of the gradient pass.
     pub gradient_seed: u64,
+}
+
+/// One camera of several.
+#[derive(Serialize)]
+pub struct Camera {
+    pub sensor: String,
+    pub crop: [usize; 4],
+    /// Its target, or adjoint image.
+    pub image: String,
+    /// Its loss, by itself.
+    pub loss: Option<f64>,
 }

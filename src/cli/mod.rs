@@ -9,6 +9,7 @@ mod converge;
 mod files;
 mod fit;
 mod fit_problem;
+mod fit_reverse;
 mod format;
 mod grad;
 mod info;

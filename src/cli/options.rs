@@ -220,7 +220,7 @@ pub fn parameters(wrt: &[String], command: &str) -> Result<Vec<String>> {
         None => Ok(names),
         Some(name) => Err(Error::usage(
             format!("`--wrt {name}`: `{command}` takes `$parameters` only, no arrays"),
-            "an array has a gradient: `tyndall grad SCENE --wrt ID.vertices --loss l2 --target REF.exr`, or --adjoint A.exr; here \
+            "an array has a gradient (and `fit` finds voxels): `tyndall grad SCENE --wrt ID.vertices --loss l2 --target REF.exr`, or --adjoint A.exr; here \
              give a `$parameter` of the scene: `tyndall info SCENE` lists them",
         )),
     }

@@ -103,12 +103,12 @@ impl Setup {
     }
 }
 
-fn find_sensor(wanted: Option<&str>, parts: &Parts<f64>) -> Result<usize> {
+pub fn find_sensor(wanted: Option<&str>, parts: &Parts<f64>) -> Result<usize> {
     let n = parts.sensors.len();
     match wanted {
         None => Ok(0),
         Some("all") => {
-            let what = "`--sensor all` is not available yet";
+            let what = "`--sensor all` is for gradients (`grad --loss`, `grad --adjoint`) and `fit`";
             Err(Error::usage(what, "render one sensor after the other: --sensor 0, --sensor 1, ..."))
         }
         Some(text) => {
@@ -179,6 +179,9 @@ pub struct RunReport {
     pub layers: Vec<Layer>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub loss: Option<super::loss::LossReport>,
+    /// Of a gradient by several cameras; everything above but the health counters, samples and time is then of the first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub cameras: Vec<super::loss::Camera>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gradient: Option<serde_json::Map<String, serde_json::Value>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -286,6 +289,7 @@ pub fn report(
         relative_error: layers.first().and_then(|l| l.relative_error),
         layers,
         loss: None,
+        cameras: Vec::new(),
         gradient: None,
         standard_error: None,
     }

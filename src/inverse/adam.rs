@@ -61,23 +61,43 @@ fn improves(last: &[Seen]) -> bool {
 /// The state of one run.
 pub struct Adam {
     pub u: Vec<f64>,
-    first: Vec<f64>,
-    second: Vec<f64>,
-    step: i32,
+    pub first: Vec<f64>,
+    pub second: Vec<f64>,
+    /// Steps so far: they decide how far the step size has fallen.
+    pub step: i32,
+    /// Steps since the memory began.
+    pub age: i32,
     /// Of every parameter, at the start.
     rate: Vec<f64>,
     least: f64,
     /// Iterations in which the step size falls to a half.
     half_life: f64,
+    /// Memory of the gradient's mean and of its square.
+    memory: [f64; 2],
 }
 
 /// Memory of the gradient's mean and of its square; the latter is short, because gradients change by orders of magnitude.
 const BETA: [f64; 2] = [0.85, 0.95];
+/// The same for fields.
+const FIELD_BETA: [f64; 2] = [0.9, 0.99];
 
 impl Adam {
     pub fn new(u: Vec<f64>, rate: Vec<f64>, half_life: f64, rule: &StopRule) -> Self {
         let zero = vec![0.0; u.len()];
-        Adam { u, first: zero.clone(), second: zero, step: 0, rate, least: rule.least_rate(), half_life }
+        let (least, memory) = (rule.least_rate(), BETA);
+        Adam { u, first: zero.clone(), second: zero, step: 0, age: 0, rate, least, half_life, memory }
+    }
+
+    /// With the memory that fields want: gradients of voxels are noise in the main, and of changing views.
+    #[must_use]
+    pub fn for_fields(self) -> Self {
+        Adam { memory: FIELD_BETA, ..self }
+    }
+
+    /// Other parameters in place of these, each with its first step size; the step size goes on falling, the memory begins anew.
+    pub fn replace(&mut self, u: Vec<f64>, rate: Vec<f64>) {
+        (self.first, self.second) = (vec![0.0; u.len()], vec![0.0; u.len()]);
+        (self.u, self.rate, self.age) = (u, rate, 0);
     }
 
     /// The step sizes of the next step.
@@ -89,10 +109,12 @@ impl Adam {
     pub fn step(&mut self, gradient: &[f64]) {
         let rates = self.rates();
         self.step += 1;
-        let corrections = BETA.map(|b| 1.0 - b.powi(self.step));
+        self.age += 1;
+        let memory = self.memory;
+        let corrections = memory.map(|b| 1.0 - b.powi(self.age));
         for (k, &g) in gradient.iter().enumerate() {
-            self.first[k] = BETA[0] * self.first[k] + (1.0 - BETA[0]) * g;
-            self.second[k] = BETA[1] * self.second[k] + (1.0 - BETA[1]) * g * g;
+            self.first[k] = memory[0] * self.first[k] + (1.0 - memory[0]) * g;
+            self.second[k] = memory[1] * self.second[k] + (1.0 - memory[1]) * g * g;
             let (m, v) = (self.first[k] / corrections[0], self.second[k] / corrections[1]);
             if v > 0.0 {
                 self.u[k] = (self.u[k] - rates[k] * m / v.sqrt()).clamp(0.0, 1.0);

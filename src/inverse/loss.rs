@@ -34,6 +34,21 @@ pub struct Evaluated {
 }
 
 impl Loss {
+    /// What its value and its gradient are, as estimates.
+    pub fn bias(self) -> &'static str {
+        match self {
+            Loss::L2 => {
+                "value and gradient unbiased: the picture's variance is taken off, picture and gradient draw from independent streams"
+            }
+            Loss::L1 => {
+                "biased: sign(I - T) is that of a noisy pixel, so the gradient shrinks and the value grows where the picture's standard error is not far below |I - T|"
+            }
+            Loss::RelativeL2 => {
+                "value and gradient unbiased for the target as it is: the divisor is the target's, not the picture's; noise in the target biases the divisor (upward, by its variance)"
+            }
+        }
+    }
+
     pub fn evaluate(self, film: &Film, target: &[Rgb]) -> Result<Evaluated> {
         let n = 3.0 * target.len() as f64;
         let squares: f64 = target.iter().map(|t| t.dot(*t)).sum();

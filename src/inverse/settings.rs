@@ -13,9 +13,9 @@ use std::path::Path;
 use toml::Spanned;
 
 /// Every key, and how it is written.
-const KEYS: [(&str, &str); 16] = [
+const KEYS: [(&str, &str); 22] = [
     ("scene", "scene = \"scene.xml\", relative to this file"),
-    ("wrt", "wrt = [\"a\", \"b\"]: names of parameters"),
+    ("wrt", "wrt = [\"a\", \"smoke.sigma_t.grid\"]: names of parameters, and of arrays of voxels"),
     (
         "target",
         "target = \"photo.exr\", or target = { values = { a = 1.1 }, spp = 1024, seed = 9 } with spp of 1 or more",
@@ -32,6 +32,15 @@ const KEYS: [(&str, &str); 16] = [
     ("terms", "terms = [\"all\"], or names of terms: `tyndall plan` shows them"),
     ("max_time", "max_time = \"90s\" or \"5m\", or a number of seconds greater than 0"),
     ("stop", "stop = { window = 30, tolerance = 0.005 }: a whole number, 4 or more, and a share greater than 0"),
+    ("sensors", "sensors = [\"0\", \"north\"]: one number or id of a sensor or more, in quotes, each once"),
+    ("targets", "targets = { north = \"north.exr\", east = \"east.exr\" }: a picture for each sensor"),
+    ("views", "views = 4: how many of the sensors an iteration looks at, 1 or more"),
+    ("refine", "refine = [30, 60, 100]: rising numbers of iterations of 1 or more, at most 8 of them"),
+    ("total_variation", "total_variation = 0.001: a finite number that is not negative"),
+    (
+        "turntable",
+        "turntable = { parameter = \"turn\", sensor = \"0\", range = [0, 360], frames = 36, spp = 64 } with 1 or more frames and spp",
+    ),
     ("define", "define = { name = 1.5 }: numbers, as -D sets them"),
 ];
 
@@ -58,6 +67,15 @@ pub struct Settings {
     pub spp: Option<Spanned<u64>>,
     pub loss: Option<Loss>,
     pub sensor: Option<String>,
+    /// Sensors that are fitted together.
+    pub sensors: Option<Spanned<Vec<String>>>,
+    /// Sensor = picture.
+    #[serde(default)]
+    pub targets: BTreeMap<String, String>,
+    pub views: Option<Spanned<usize>>,
+    pub refine: Option<Spanned<Vec<usize>>>,
+    pub total_variation: Option<Spanned<f64>>,
+    pub turntable: Option<Spanned<Turntable>>,
     pub terms: Option<Vec<String>>,
     /// Of a run.
     pub max_time: Option<Time>,
@@ -107,6 +125,18 @@ pub struct Rendered {
     pub values: BTreeMap<String, f64>,
     pub spp: Option<Spanned<u64>>,
     pub seed: Option<u64>,
+}
+
+/// What `turntable::Way` asks for.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Turntable {
+    pub parameter: String,
+    pub sensor: Option<String>,
+    /// From, and to (not reached).
+    pub range: [f64; 2],
+    pub frames: Option<usize>,
+    pub spp: Option<u64>,
 }
 
 /// The stop rule (`adam::StopRule`).
@@ -161,6 +191,25 @@ impl Settings {
         if let Some(seeds) = &self.seeds {
             need(!seeds.get_ref().is_empty(), seeds.span().start, "the list is empty".into())?;
         }
+        if let Some(list) = &self.sensors {
+            let l = list.get_ref();
+            let twice = l.iter().enumerate().any(|(i, n)| l[..i].contains(n));
+            need(!l.is_empty() && !twice, list.span().start, "the list is empty, or names one twice".into())?;
+        }
+        if let Some(list) = &self.refine {
+            let l = list.get_ref();
+            let rising = l.windows(2).all(|w| w[0] < w[1]) && l.first().is_none_or(|&r| r > 0) && l.len() <= 8;
+            need(rising, list.span().start, format!("{l:?} does not rise from 1, or is too long"))?;
+        }
+        if let Some(x) = &self.total_variation {
+            let good = x.get_ref().is_finite() && *x.get_ref() >= 0.0;
+            need(good, x.span().start, format!("{} is out of range", x.get_ref()))?;
+        }
+        if let Some(t) = &self.turntable {
+            let good = t.get_ref().range.iter().all(|x| x.is_finite());
+            let good = good && t.get_ref().frames != Some(0) && t.get_ref().spp != Some(0);
+            need(good, t.span().start, "a number is out of range".into())?;
+        }
         let target_spp = if let Some(Target::Values(r)) = &self.target { &r.spp } else { &None };
         // Value, place, and the least that is allowed; 0: anything greater than 0.
         fn of<T: Copy>(x: &Option<Spanned<T>>, number: fn(T) -> f64, least: f64) -> Option<(f64, usize, f64)> {
@@ -171,6 +220,7 @@ impl Settings {
             of(&self.iterations, |x| x as f64, 1.0),
             of(&self.spp, |x| x as f64, 2.0),
             of(target_spp, |x| x as f64, 1.0),
+            of(&self.views, |x| x as f64, 1.0),
             of(&self.stop.window, |x| x as f64, 4.0),
             of(&self.stop.tolerance, |x| x, 0.0),
         ];
@@ -220,6 +270,7 @@ fn plain(message: &str) -> String {
         ("expected a sequence", "expected a list"),
         ("expected a map", "expected a table"),
         ("expected struct Stop", "expected a table"),
+        ("expected struct Turntable", "expected a table"),
         ("an array of length 2", "two numbers [min, max]"),
         ("expected a string", "expected a string in quotes"),
     ];
@@ -291,6 +342,14 @@ mod tests {
             ("bounds = { a = 3 }", 16, "two numbers"),
             ("start = [{ a = inf }]", 16, "not finite"),
             ("loss = \"l3\"", 8, "l3"),
+            ("views = 0", 9, "0 is out of range"),
+            ("refine = [3, 3]", 10, "does not rise"),
+            ("refine = [0]", 10, "does not rise"),
+            ("sensors = []", 11, "empty"),
+            ("sensors = [\"a\", \"a\"]", 11, "twice"),
+            ("total_variation = -1", 19, "-1 is out of range"),
+            ("turntable = 3", 13, "expected a table"),
+            ("turntable = { parameter = \"t\", range = [0, 1], frames = 0 }", 13, "out of range"),
         ] {
             let e = parse(&format!("scene = \"s.xml\"\n{line}")).unwrap_err().to_string();
             let key = line.split(' ').next().unwrap();

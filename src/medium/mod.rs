@@ -292,6 +292,15 @@ impl Medium {
         }
     }
 
+    /// Put another grid of the same place and topology where the one is that carries a quantity; bounds of the coefficients follow.
+    pub fn set_grid(&mut self, quantity: Quantity, grid: Grid) {
+        if let Some((volume, _)) = self.volume_mut(quantity) {
+            *volume = Volume::Grid(Arc::new(grid));
+        }
+        self.sigma_t = self.density.max() * self.scale;
+        self.sigma_s = self.sigma_t * self.albedo.max();
+    }
+
     /// The grid that carries a quantity, with the first slot of its voxels.
     pub fn grid_of(&self, quantity: Quantity) -> Option<(&Arc<Grid>, Slot)> {
         let (volume, first) = match quantity {

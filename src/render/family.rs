@@ -6,6 +6,7 @@
 use super::driver::{Job, Mode, Outcome};
 use super::plan::Terms;
 use crate::error::{Error, Result};
+use crate::math::Rgb;
 use crate::params::ParamSet;
 use crate::scene::compile::LoadOptions;
 use crate::scene::{Scene, SceneDesc};
@@ -120,7 +121,13 @@ impl<'a> View<'a> {
         self.derivatives(scene, params, spp, seed, true)
     }
 
-    /// The only place where studies and fits make a derivative job.
+    /// The picture, and the gradient over slots of `sum over pixels of <adjoint, I>` (`adjoint` is row-major over the crop), of the terms of this view.
+    pub fn gradient(&self, scene: &Scene, params: &ParamSet, adjoint: &[Rgb], spp: u64, seed: u64) -> Result<Outcome> {
+        let terms = Terms::parse(self.terms)?;
+        finished(Job { terms, ..self.job(scene, Mode::Reverse(params, adjoint), spp, seed) }.run(&|_| {})?)
+    }
+
+    /// Where studies and fits make a job of derivative images.
     fn derivatives(&self, scene: &Scene, params: &ParamSet, spp: u64, seed: u64, split: bool) -> Result<Outcome> {
         let terms = Terms::parse(self.terms)?;
         finished(Job { terms, split, ..self.job(scene, Mode::Forward(params), spp, seed) }.run(&|_| {})?)

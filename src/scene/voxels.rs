@@ -9,7 +9,7 @@ use super::parts::{MediumPart, Parts, VolumePart};
 use super::{Scene, SceneDesc};
 use crate::error::{Error, Result};
 use crate::math::{DAffine3, DMat3, DVec3};
-use crate::medium::grid::Filter;
+use crate::medium::grid::{Field, Filter, Grid};
 use crate::medium::{NO_SLOT, Volume};
 use crate::native::vdb;
 use crate::params::{Array, Owner, Quantity};
@@ -109,16 +109,7 @@ impl Scene {
         let parts = Parts::read(desc, &desc.values::<f64>())?;
         let Target::Voxels(index, quantity) = arrays::target(&parts, &array.name)? else { return Ok(None) };
         let Some((g, _)) = self.media[index].grid_of(quantity) else { return Ok(None) };
-        let world_from_index = match volume(&parts.media[index], quantity) {
-            Some(VolumePart::Vdb { file, .. }) => vdb::info(&file.path, &file.select)?.world_from_index,
-            // The unit cube.
-            _ => {
-                let shift = if g.filter() == Filter::Trilinear { 0.5 } else { 0.0 };
-                let size = g.resolution().map(|n| n as f64);
-                let size = DVec3::from(size);
-                DAffine3 { matrix3: DMat3::from_diagonal(size.recip()), translation: shift / size }
-            }
-        };
+        let (world_from_index, _) = source(&parts, index, quantity, g)?;
         let (leaves, tiles) = g.in_leaves(numbers);
         Ok(Some(vdb::WriteGrid {
             name: array.name.clone(),
@@ -131,4 +122,73 @@ impl Scene {
             half: false,
         }))
     }
+
+    /// Where an array of voxels is, with its values: what an optimiser sets again and again by [`Scene::set_voxels`]. `None`: another kind of array.
+    pub fn voxels(&self, desc: &SceneDesc, name: &str) -> Result<Option<Voxels>> {
+        let parts = Parts::read(desc, &desc.values::<f64>())?;
+        let Target::Voxels(medium, quantity) = arrays::target(&parts, name)? else { return Ok(None) };
+        let Some((g, _)) = self.media[medium].grid_of(quantity) else { return Ok(None) };
+        Ok(Some(Voxels { medium, quantity, field: g.field() }))
+    }
+
+    /// Index position of every voxel of a field (of an active tile its middle), and whether it is a tile.
+    pub fn active_positions(&self, v: &Voxels) -> Vec<([i32; 3], bool)> {
+        self.media[v.medium].grid_of(v.quantity).map_or(Vec::new(), |(g, _)| g.active_positions())
+    }
+
+    /// Put the values of a field into its medium's grid: bricks and majorants are made anew, all else of the scene stays,
+    /// nothing is compiled. Errors: a field of another grid.
+    pub fn set_voxels(&mut self, v: &Voxels) -> Result<()> {
+        let m = &mut self.media[v.medium];
+        let Some((g, _)) = m.grid_of(v.quantity) else { return Ok(()) };
+        let new = g.with_field(&v.field).map_err(|what| Error::Runtime(format!("medium `{}`: {what}", m.name)))?;
+        m.set_grid(v.quantity, new);
+        Ok(())
+    }
+
+    /// A field as a grid that can stand in for the file it came from: its name, class, transform, topology, and what is not active as it was. Of a .vol:
+    /// named `density`, in the unit cube.
+    pub fn stand_in(&self, desc: &SceneDesc, v: &Voxels) -> Result<vdb::WriteGrid> {
+        let parts = Parts::read(desc, &desc.values::<f64>())?;
+        let Some((g, _)) = self.media[v.medium].grid_of(v.quantity) else {
+            return Err(Error::Runtime("an array of voxels lost its grid".into()));
+        };
+        let (world_from_index, info) = source(&parts, v.medium, v.quantity, g)?;
+        let (leaves, tiles) = g.stored_leaves(&v.field);
+        let (name, class) = info.map_or(("density".into(), "fog volume".into()), |i| (i.name, i.class));
+        Ok(vdb::WriteGrid {
+            name,
+            channels: g.channels(),
+            world_from_index,
+            background: g.background()[0],
+            leaves,
+            tiles,
+            class,
+            half: false,
+        })
+    }
+}
+
+/// An array of voxels with its values.
+#[derive(Clone, Debug)]
+pub struct Voxels {
+    medium: usize,
+    quantity: Quantity,
+    pub field: Field,
+}
+
+/// The transform of the file that a grid came from (before the volume's `to_world`; of a .vol the unit cube), and what a .vdb says of it.
+fn source(
+    parts: &Parts<f64>,
+    medium: usize,
+    quantity: Quantity,
+    g: &Grid,
+) -> Result<(DAffine3, Option<vdb::GridInfo>)> {
+    if let Some(VolumePart::Vdb { file, .. }) = volume(&parts.media[medium], quantity) {
+        let info = vdb::info(&file.path, &file.select)?;
+        return Ok((info.world_from_index, Some(info)));
+    }
+    let shift = if g.filter() == Filter::Trilinear { 0.5 } else { 0.0 };
+    let size = DVec3::from(g.resolution().map(|n| n as f64));
+    Ok((DAffine3 { matrix3: DMat3::from_diagonal(size.recip()), translation: shift / size }, None))
 }

@@ -191,7 +191,7 @@ fn nothing_is_written_on_usage_and_scene_errors() {
         ("render fog.xml -t 0", "--threads"),
         ("render fog.xml -s 7", "2 sensors"),
         ("render fog.xml -s fron", "did you mean `front`"),
-        ("render fog.xml -s all", "not available yet"),
+        ("render fog.xml -s all", "is for gradients"),
         ("grad fog.xml", "--wrt"),
         ("grad fog.xml --wrt sigmat", "did you mean `sigma_t`"),
         ("grad fog.xml --wrt sigma_t,sigma_t", "twice"),

@@ -14,6 +14,7 @@ mod cylinder;
 mod dielectric;
 mod duality;
 mod fit;
+mod fit_voxels;
 mod floors;
 mod geometry;
 mod light_motion;

@@ -145,10 +145,6 @@ fn what_has_no_such_gradient_is_refused_by_name() {
         (format!("grad s.xml --wrt g {reverse} -o g.vdb"), ["g.vdb` does not end in .json", "g.json"]),
         (format!("grad s.xml --wrt g {reverse} --dilate"), ["`--dilate`", "ID.sigma_t.grid"]),
         ("check s.xml --wrt smoke.sigma_t.grid".into(), ["`check` takes `$parameters` only", "tyndall grad"]),
-        (
-            "fit s.xml --wrt smoke.sigma_t.grid --target ref.exr".into(),
-            ["`fit` takes `$parameters` only", "tyndall grad"],
-        ),
     ] {
         let (out, err) = f.run(2, &line);
         assert!(out.is_empty() && err.starts_with("error: "), "`{line}`: {err}");

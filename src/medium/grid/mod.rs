@@ -13,6 +13,7 @@
 mod active;
 mod bricks;
 mod builder;
+mod field;
 mod integrate;
 mod nodes;
 #[cfg(test)]
@@ -26,6 +27,7 @@ use std::sync::Arc;
 
 pub use active::Mask;
 pub use builder::{Allowed, BadVoxel, GridBuilder, GridSource, Repaired};
+pub use field::Field;
 pub use nodes::NodeId;
 pub use traverse::{BrickRef, Span, SpanIter};
 
