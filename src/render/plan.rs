@@ -140,6 +140,8 @@ pub struct Facts {
     pub dielectric: bool,
     /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,
+    /// A ball of glass or a mirror ball, and something outside of it that scatters.
+    pub rims: bool,
     /// Something with an outline (occluder, lamp) can be seen or cast by way of an interface.
     pub beyond_interface: bool,
     /// Microfacets.
@@ -241,23 +243,23 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(specular && f.light_across_interface, &[C], "a zero-measure light shines through an interface");
     add(specular && f.beam, &[M], "a beam shines through an interface");
     add(specular && f.hard_profile, &[H], "the beam has a hard edge");
-    add(m.ior && f.beyond_interface, &[E1, VE], "outlines are seen through the interface");
-    add(m.ior && f.beyond_interface && f.medium, &[E2], "refracted vertices see static edges");
-    add(m.ior && f.beyond_interface && f.reflecting, &[E3], "refracted hits see static edges");
+    // Vertices behind an interface go with their rays: what they see pass is one term, whatever it is ([T] section 3 has E1 to E3 for it).
+    add(specular && f.beyond_interface, &[VE], "outlines are seen by way of an interface whose rays turn");
+    let beside = m.interface && f.beyond_interface;
+    add(beside && f.medium, &[E2], "medium points near an interface that moves see static edges");
+    add(beside && f.reflecting, &[E3], "the light of surfaces is cut by what moves");
     let across = specular && f.beyond_interface && f.light_across_interface && f.occluders;
     add(across && f.medium, &[G], "a point light casts shadows across an interface");
     add(across && f.reflecting, &[R], "a point light casts shadows across an interface");
-    let facets = specular && f.polygonal_dielectric;
-    add(facets, &[E1], "the refracted direction jumps at facet edges");
-    add(facets && f.medium, &[E2], "the refracted direction jumps at facet edges");
-    add(facets && f.reflecting, &[E3], "the refracted direction jumps at facet edges");
-    add(m.interface && f.beyond_interface, &[VE], "edges are seen through a moving interface");
+    add(m.interface && f.polygonal_dielectric, &[E1], "an interface with edges moves");
+    add(specular && f.polygonal_dielectric, &[VE], "rays part at the edges of an interface");
     add(anything && f.polygonal_dielectric, &[VE], "rays part at the edges of an interface");
     add(
         anything && f.dielectric && f.occluders && f.beyond_interface,
         &[VE],
         "an occluder is seen through an interface",
     );
+    add((anything || specular) && f.rims, &[VE], "segments end at the rims of balls of glass");
     need
 }
 
@@ -394,6 +396,20 @@ fn has_nearest_grid(p: &Parts<f64>) -> bool {
     p.media.iter().any(|m| matches!(m.density, VolumePart::Vol { smooth: false, .. }))
 }
 
+/// Whether segments between scattering points may end at the rim of a smooth ball: as `term::virtual_edge` has it.
+fn rims(p: &Parts<f64>) -> bool {
+    let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
+    let null = |s: usize| matches!(p.surfaces[s], SurfacePart::Null);
+    let fog = |m: Option<usize>| m.is_some();
+    let is_ball = |k: &ShapeKind<f64>, s: usize| matches!(k, ShapeKind::Sphere { .. }) && smooth(s);
+    let beside = |s: &crate::scene::parts::ShapePart<f64>| {
+        let opaque = !null(s.surface) && !smooth(s.surface);
+        opaque || fog(s.exterior) || !is_ball(&s.kind, s.surface) && fog(s.interior)
+    };
+    p.shapes.iter().any(|s| is_ball(&s.kind, s.surface))
+        && (p.shapes.iter().any(beside) || p.sensors.iter().any(|s| fog(s.medium)))
+}
+
 /// Facts of a scene from its parts.
 pub fn facts(p: &Parts<f64>) -> Facts {
     let opaque = |s: usize| !matches!(p.surfaces[s], SurfacePart::Null);
@@ -431,6 +447,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && edged(&s.kind)),
+        rims: rims(p),
         // Whatever there is besides, or behind, may be seen in it.
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
         rough: p.shapes.iter().any(|s| matches!(p.surfaces[s.surface], SurfacePart::Rough { .. })),

@@ -88,7 +88,7 @@ pub struct Edges {
 impl Edges {
     /// `None` where nothing moves, or nothing has an edge.
     pub fn new(scene: &Scene, motion: &Motion) -> Option<Edges> {
-        if !motion.surfaces() {
+        if !motion.moving.matter() {
             return None;
         }
         let set = motion.edges(scene);

@@ -83,6 +83,11 @@ impl Moving {
         self.any
     }
 
+    /// Whether anything but rays behind interfaces and beams moves: what the camera sees without them.
+    pub fn matter(&self) -> bool {
+        self.camera || !self.followed.is_empty() || (0..self.bending.len() as u32).any(|i| self.moves(i))
+    }
+
     /// Whether the medium follows this light: its position is then scored as that of a vertex, not by [`super::aim`].
     pub fn follows(&self, light: u32) -> bool {
         self.followed.contains(&light)

@@ -35,5 +35,6 @@ mod temperature;
 mod vdb;
 mod vertices;
 mod vertices_cli;
+mod virtual_edges;
 mod voxels;
 mod voxels_cli;

@@ -1,0 +1,141 @@
+//! Edges seen by way of smooth interfaces, edges of interfaces, and vertices behind them that look past edges: room `virtual_edge`, against finite differences.
+
+use crate::common::{against_differences, derivatives, difference, job, params, scene};
+use tyndall::math::Rgb;
+use tyndall::render::driver::{Job, Mode};
+use tyndall::scene::compile::Orders;
+
+/// A lamp behind a plane of glass.
+const PANE: &str = r#"<scene version="3.0.0"><default name="ior" value="1.4"/><default name="x" value="0.1"/><default name="h" value="0"/><default name="cam" value="0.3"/><default name="tilt" value="10"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="$cam, 0.4, 3" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><scale value="1000"/><rotate y="1" angle="$tilt"/><translate z="$h"/></transform>
+    <bsdf type="dielectric"><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.5"/><rotate z="1" angle="20"/><translate x="$x" z="-1.5"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf><emitter type="area"><rgb name="radiance" value="3,2,1"/></emitter></shape></scene>"#;
+
+/// A block of clear glass in the light of a sky of one colour: mirrored and refracted light of few turns.
+const BLOCK: &str = r#"<scene version="3.0.0"><default name="ior" value="1.3"/><default name="x" value="0"/><default name="s" value="0.8"/><default name="cam" value="0.9"/>
+  <integrator type="volpath"><integer name="max_depth" value="3"/></integrator>
+  <sensor type="perspective"><float name="fov" value="48"/><transform name="to_world"><lookat origin="$cam, 1.2, 3.6" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <shape type="cube"><transform name="to_world"><scale value="$s"/><rotate y="1" angle="30"/><translate x="$x"/></transform>
+    <bsdf type="dielectric"><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf></shape>
+  <emitter type="constant"/></scene>"#;
+
+/// Fog behind a plane of glass, a block in it, and a lamp.
+const FOG: &str = r#"<scene version="3.0.0"><default name="ior" value="1.4"/><default name="x" value="0.1"/><default name="h" value="0"/><default name="cam" value="0.3"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.5,0.7,0.3"/><float name="albedo" value="0.8"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="$cam, 0.4, 3" target="0, 0, -1" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><scale value="1000"/><rotate y="1" angle="10"/><translate z="$h"/></transform>
+    <bsdf type="dielectric"><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="fog"/></shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.35"/><rotate z="1" angle="20"/><translate x="$x" y="-0.2" z="-1.3"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.5,0.3,0.2"/></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="90"/><scale value="0.6"/><translate x="0.4" y="1.2" z="-1.4"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="5"/></emitter></shape></scene>"#;
+
+/// A block of glass and fog over a floor, under a lamp.
+const ROOM: &str = r#"<scene version="3.0.0"><default name="ior" value="1.3"/><default name="x" value="0"/><default name="cam" value="0.9"/><default name="lamp" value="0.3"/>
+  <integrator type="volpath"><integer name="max_depth" value="5"/></integrator>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="1.0,1.4,0.7"/><float name="albedo" value="0.8"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
+  <sensor type="perspective"><float name="fov" value="36"/><transform name="to_world"><lookat origin="$cam, 1.2, 3.6" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <shape type="cube"><transform name="to_world"><scale value="0.6"/><rotate y="1" angle="30"/><translate x="$x" y="0.1"/></transform>
+    <bsdf type="dielectric"><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="fog"/></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="1.6"/><translate y="-0.9"/></transform><bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.7,0.5,0.3"/></bsdf></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="90"/><scale value="0.7"/><translate x="$lamp" y="1.6"/></transform><bsdf type="diffuse"><float name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="6"/></emitter></shape></scene>"#;
+
+/// A mirror ball in fog under a lamp.
+const BALL: &str = r#"<scene version="3.0.0"><default name="cam" value="0.3"/><default name="lamp" value="0"/>
+  <integrator type="volpath"><integer name="max_depth" value="-1"/></integrator>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.5,0.7,0.3"/><float name="albedo" value="0.6"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
+  <sensor type="perspective"><float name="fov" value="40"/><ref id="fog"/><transform name="to_world"><lookat origin="$cam, 0.4, 3" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <shape type="sphere"><point name="center" value="0.1,0,0"/><float name="radius" value="0.6"/><bsdf type="conductor"/></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="90"/><scale value="0.8"/><translate x="$lamp" y="1.2"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="5"/></emitter></shape></scene>"#;
+
+/// The edge of a lamp seen in a mirror that ends, too.
+const MIRROR: &str = r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="angle" value="20"/>
+  <integrator type="volpath"><integer name="max_depth" value="3"/></integrator>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="1.5, 0.4, 3" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.8"/><rotate y="1" angle="$angle"/></transform>
+    <bsdf type="conductor"><rgb name="eta" value="0.3,0.2,0.5"/><float name="k" value="2"/></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate y="1" angle="180"/><scale value="0.7"/><rotate z="1" angle="20"/><translate x="$x" z="2.5"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="3,2,1"/></emitter></shape></scene>"#;
+
+/// All terms agree with differences in the red channel; without the room they do not.
+fn needs_the_room(text: &str, name: &str, h: f64, spp: u64) {
+    let rest = ["interior", "pixel_edge", "surface_edge", "medium_edge"];
+    let without = &derivatives(text, &[name], &rest, spp)[0];
+    let fd = difference(text, Orders::default(), name, h, spp);
+    let z = (without.value[0] - fd.value[0]) / without.error[0].hypot(fd.error[0]);
+    assert!(
+        z.abs() > 5.0,
+        "{name}: {} +- {} without, {} +- {}",
+        without.value[0],
+        without.error[0],
+        fd.value[0],
+        fd.error[0]
+    );
+}
+
+#[test]
+fn a_lamp_behind_a_pane() {
+    let what = [("ior", 0.02), ("x", 0.02), ("h", 0.02), ("cam", 0.02), ("tilt", 1.0)];
+    against_differences(PANE, &what, &["all"], 1 << 13, 0.02);
+    needs_the_room(PANE, "ior", 0.02, 1 << 13);
+    needs_the_room(PANE, "h", 0.02, 1 << 13);
+}
+
+#[test]
+fn edges_of_a_block_of_glass() {
+    against_differences(BLOCK, &[("ior", 0.02), ("x", 0.04), ("s", 0.02), ("cam", 0.04)], &["all"], 1 << 13, 0.02);
+    needs_the_room(BLOCK, "ior", 0.02, 1 << 12);
+    needs_the_room(BLOCK, "x", 0.04, 1 << 12);
+}
+
+#[test]
+fn vertices_behind_a_pane_look_past_edges() {
+    against_differences(FOG, &[("x", 0.05), ("h", 0.05)], &["all"], 1 << 13, 0.02);
+    needs_the_room(FOG, "h", 0.05, 1 << 13);
+}
+
+#[test]
+fn a_block_of_glass_and_fog_over_a_floor() {
+    against_differences(ROOM, &[("ior", 0.03), ("cam", 0.05)], &["all"], 1 << 13, 0.02);
+}
+
+#[test]
+fn the_rim_of_a_mirror_ball_in_fog() {
+    against_differences(BALL, &[("cam", 0.1), ("lamp", 0.1)], &["all"], 1 << 13, 0.02);
+}
+
+#[test]
+fn a_lamp_in_a_mirror() {
+    against_differences(MIRROR, &[("x", 0.03), ("angle", 1.0)], &["all"], 1 << 13, 0.02);
+    needs_the_room(MIRROR, "x", 0.03, 1 << 12);
+}
+
+#[test]
+fn forward_dot_v_equals_reverse() {
+    for (text, names) in
+        [(ROOM, vec!["ior", "x", "cam", "lamp"]), (BALL, vec!["cam", "lamp"]), (MIRROR, vec!["x", "angle"])]
+    {
+        let (desc, sc) = scene(text);
+        let p = params(&desc, &sc, &names);
+        let f = job(&sc, 32, 3, Mode::Forward(&p)).run(&|_| {}).unwrap();
+        let pixels = f.film.spec().pixels();
+        let v: Vec<Rgb> = (0..pixels).map(|i| Rgb::splat(0.1 + (i % 3) as f64)).collect();
+        let r = Job { split: false, ..job(&sc, 32, 3, Mode::Reverse(&p, &v)) }.run(&|_| {}).unwrap();
+        let gradient = p.pull_back(&r.gradient.unwrap().0);
+        for (k, name) in names.iter().enumerate() {
+            let dot: f64 = (0..pixels).map(|i| f.film.mean(k + 1, i).dot(v[i])).sum();
+            let scale: f64 = (0..pixels).map(|i| (f.film.mean(k + 1, i) * v[i]).abs().sum()).sum();
+            assert!(scale > 0.0 && (dot - gradient[k]).abs() <= 1e-9 * scale, "{name}: {dot} {}", gradient[k]);
+        }
+    }
+}
