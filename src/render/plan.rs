@@ -7,7 +7,7 @@ use crate::math::Dual;
 use crate::params::Quantity;
 use crate::scene::arrays::Target;
 use crate::scene::desc::suggest;
-use crate::scene::parts::{LightKindPart, Movable, Parts, ShapeKind, SurfacePart, VolumePart};
+use crate::scene::parts::{LightKindPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart};
 use crate::scene::{SceneDesc, arrays};
 use crate::transport::border;
 use serde::Serialize;
@@ -144,6 +144,8 @@ pub struct Facts {
     pub rims: bool,
     /// Something with an outline (occluder, lamp) can be seen or cast by way of an interface.
     pub beyond_interface: bool,
+    /// Beside a smooth interface, something of which edges are not straight: an opaque ball, disk or cylinder, or an interface that is a cylinder.
+    pub round_outline: bool,
     /// Microfacets.
     pub rough: bool,
     /// A zero-measure light whose light has to cross an interface.
@@ -243,6 +245,8 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(specular && f.light_across_interface, &[C], "a zero-measure light shines through an interface");
     add(specular && f.beam, &[M], "a beam shines through an interface");
     add(specular && f.hard_profile, &[H], "the beam has a hard edge");
+    let parts = m.camera || m.beam || specular;
+    add(parts && f.beam && f.polygonal_dielectric, &[H], "the light of a beam parts at the edges of an interface");
     // Vertices behind an interface go with their rays: what they see pass is one term, whatever it is ([T] section 3 has E1 to E3 for it).
     add(specular && f.beyond_interface, &[VE], "outlines are seen by way of an interface whose rays turn");
     let beside = m.interface && f.beyond_interface;
@@ -351,6 +355,11 @@ impl Plan {
                 all.entry(Term::S).or_insert_with(|| format!("{why} ({name})"));
             }
             let turns = motion.ior || motion.interface || motion.beam;
+            if facts.round_outline && (matter || turns) {
+                let why = "what is round, and has an outline, may be seen by way of an interface";
+                missing.push((name.clone(), Term::VE, why));
+                all.entry(Term::VE).or_insert_with(|| format!("{why} ({name})"));
+            }
             if facts.rough && (matter || light || turns) {
                 let why = "directions turn at a rough surface";
                 missing.push((name.clone(), Term::M, why));
@@ -402,7 +411,7 @@ fn rims(p: &Parts<f64>) -> bool {
     let null = |s: usize| matches!(p.surfaces[s], SurfacePart::Null);
     let fog = |m: Option<usize>| m.is_some();
     let is_ball = |k: &ShapeKind<f64>, s: usize| matches!(k, ShapeKind::Sphere { .. }) && smooth(s);
-    let beside = |s: &crate::scene::parts::ShapePart<f64>| {
+    let beside = |s: &ShapePart<f64>| {
         let opaque = !null(s.surface) && !smooth(s.surface);
         opaque || fog(s.exterior) || !is_ball(&s.kind, s.surface) && fog(s.interior)
     };
@@ -423,6 +432,12 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     // The border of an open interface counts as out of sight (`term::interfaces`).
     let edged = |k: &ShapeKind<f64>| !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Rectangle | ShapeKind::Disk);
     let outlined = |s: usize| opaque(s) && !smooth(s);
+    // As `term::interfaces` has it.
+    let is_round = |s: &ShapePart<f64>| match s.kind {
+        ShapeKind::Sphere { .. } | ShapeKind::Disk => outlined(s.surface),
+        ShapeKind::Cylinder { .. } => opaque(s.surface),
+        _ => false,
+    };
     let local = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Point { .. } | LightKindPart::Spot { .. });
     let distant = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Directional { .. });
     let beam = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Beam { .. });
@@ -450,6 +465,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         rims: rims(p),
         // Whatever there is besides, or behind, may be seen in it.
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
+        round_outline: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| is_round(s)),
         rough: p.shapes.iter().any(|s| matches!(p.surfaces[s.surface], SurfacePart::Rough { .. })),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
     }

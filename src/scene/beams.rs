@@ -54,6 +54,16 @@ impl Way {
         p
     }
 
+    /// The point of the `k`th plane on the same line.
+    pub fn on_plane(&self, k: usize, x: DVec3) -> DVec3 {
+        let (mut p, mut w) = (x, self.w);
+        for s in self.steps[k..].iter().rev() {
+            p -= w * ((p - s.p).dot(s.n) / w.dot(s.n));
+            w = s.before;
+        }
+        p
+    }
+
     /// Where the line that reaches `x` comes from: points on the planes, from the last one to the first, and then on the beam's own.
     pub fn trace(&self, scene: &Scene, x: DVec3, points: &mut Vec<DVec3>) -> Option<DVec3> {
         points.clear();
@@ -79,7 +89,7 @@ pub fn is_flat(s: &Shape) -> bool {
 }
 
 /// Corners of a flat face, in order; empty where it is no polygon.
-fn corners(s: &Shape, face: u32) -> Vec<DVec3> {
+pub fn corners(s: &Shape, face: u32) -> Vec<DVec3> {
     let unit = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
     match s {
         Shape::Rectangle(_) | Shape::Cube(_) => unit.iter().map(|&(u, v)| s.position(face, DVec2::new(u, v))).collect(),
@@ -128,7 +138,7 @@ struct Search<'a> {
     /// Ways are too many, or too long.
     crowded: bool,
     long: bool,
-    /// A border of an open face stands in the beam.
+    /// A border of an open face, or a block's from outside, stands in the beam.
     parted: bool,
 }
 
@@ -183,8 +193,10 @@ impl Search<'_> {
                 return;
             }
         }
-        // A disk's border is not clipped by.
-        self.parted |= !closed && (corners.is_empty() || area(&left) < area(polygon) * (1.0 - 1e-9));
+        // A disk's border is not clipped by. What parts at the edges of a block that it leaves goes on by ways of their own (`term::hard_beam`); what passes beside a block that the
+        // rest enters has its shadow.
+        let cut = corners.is_empty() || area(&left) < area(polygon) * (1.0 - 1e-9);
+        self.parted |= cut && (!closed || came < 0.0);
         for (ray, gain) in outgoing(surface, n, way.w) {
             let gain = way.gain * gain;
             if gain.max() < GAIN {
@@ -237,7 +249,7 @@ pub struct Beams {
     pub ways: Vec<Way>,
     /// Beams some of whose ways are left out, because they are too long or too many.
     pub cut: Vec<u32>,
-    /// Beams that a border of an open mirror or interface parts.
+    /// Beams that a border of an open mirror or interface parts, or that pass beside a block that a part of them enters.
     pub parted: Vec<u32>,
 }
 

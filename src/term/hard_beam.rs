@@ -1,7 +1,9 @@
-//! The hard edge of a collimated beam moves: term H of [T] section 3 for beams, straight and behind flat mirrors and interfaces ([T] 5.3, 6.3).
+//! Where the light of collimated beams ends moves: the hard edge of a beam, term H of [T] section 3, straight and behind flat mirrors and interfaces ([T] 5.3, 6.3), and, behind them, the
+//! edges of a block's faces, at which one way ends and others go on.
 //!
 //! A path's medium span crosses the edge where the line that reaches it by a way of the beam comes from the distance R of the axis. Points of the span move with ẋ, so that
-//! the lit part grows there by `-(ρ̇ - Ṙ)/|∂ρ/∂t|`, times what light just within the edge brings. Every span of a camera path is looked at, exactly: light of any order counts.
+//! the lit part grows there by `-(ρ̇ - Ṙ)/|∂ρ/∂t|`, times what light just within the edge brings; at a face's edge by `<m, ẋ_j - ė>/|∂g/∂t|`, g being how far within the face the
+//! line meets its plane, at x_j, and m its slope there. Every span of a camera path is looked at, exactly: light of any order counts.
 
 use super::sheet::Partials;
 use super::{Context, Motion, Sample};
@@ -10,9 +12,10 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::params::Partial;
 use crate::phase::one_minus_cos;
-use crate::scene::beams::Way;
+use crate::scene::beams::{Way, corners};
 use crate::scene::{On, Scene};
-use crate::transport::beam_motion::distance_forms;
+use crate::shape::Geometry;
+use crate::transport::beam_motion::{distance_forms, slide_forms};
 use crate::transport::chained::Starts;
 use crate::transport::first::{Met, Nth, Opening, Seen};
 use crate::transport::record::{Event, MediumSpan, PathRecord};
@@ -21,10 +24,38 @@ use crate::transport::velocity::Velocity;
 use crate::transport::walk::{State, Walker};
 use crate::transport::{beam, camera_line};
 
-/// Ways of all beams with a hard edge.
+/// Ways of all beams that end somewhere.
 pub struct HardBeams {
-    ways: Vec<u32>,
+    ways: Vec<End>,
 }
+
+/// A way, and where its light ends.
+struct End {
+    way: u32,
+    round: bool,
+    borders: Vec<Border>,
+}
+
+/// An edge of the face of a step: a line through `a` along `t` of this length, and the direction across it into the face.
+struct Border {
+    step: usize,
+    a: DVec3,
+    t: DVec3,
+    length: f64,
+    m: DVec3,
+}
+
+/// Where a span crosses it.
+struct Crossing<'a> {
+    t: f64,
+    /// How what is positive within the light changes along the span.
+    slope: f64,
+    /// A face's edge, or the beam's own.
+    border: Option<&'a Border>,
+}
+
+/// How far within the light its value is asked for, in scene radii: on the edge itself rounding would tell which face is met.
+const WITHIN: f64 = 1e-7;
 
 /// Points of a span and the weight of a path there.
 struct Walked<'a> {
@@ -37,12 +68,16 @@ struct Walked<'a> {
 
 impl HardBeams {
     pub fn prepare(scene: &Scene, motion: &Motion) -> Option<HardBeams> {
-        let hard = |w: &Way| {
-            let l = &scene.lights[w.light as usize];
-            matches!(l.kind, LightKind::Beam { gaussian: false, .. }) && motion.surfaces()
+        if !motion.surfaces() {
+            return None;
+        }
+        let end = |k: u32| {
+            let way = &scene.beams.ways[k as usize];
+            let kind = &scene.lights[way.light as usize].kind;
+            End { way: k, round: matches!(kind, LightKind::Beam { gaussian: false, .. }), borders: borders(scene, way) }
         };
-        let ways: Vec<u32> =
-            (0..scene.beams.ways.len() as u32).filter(|&k| hard(&scene.beams.ways[k as usize])).collect();
+        let all = (0..scene.beams.ways.len() as u32).map(end);
+        let ways: Vec<End> = all.filter(|e| e.round || !e.borders.is_empty()).collect();
         (!ways.is_empty()).then_some(HardBeams { ways })
     }
 
@@ -98,35 +133,99 @@ impl HardBeams {
         emit: &mut dyn FnMut(&Sample),
     ) {
         let (scene, span) = (cx.scene, walked.span);
-        for way in self.ways.iter().map(|&k| &scene.beams.ways[k as usize]) {
+        for end in &self.ways {
+            let way = &scene.beams.ways[end.way as usize];
             let order = walked.depth + 1 + way.steps.len() as u32;
             if order < cx.set.min_order || order >= cx.set.max_depth {
                 continue;
             }
-            for (t, slope) in edges(scene, way, &span) {
-                let (p, mut points) = (span.o + span.w * t, Vec::new());
-                let light = &scene.lights[way.light as usize];
-                if way.trace(scene, p, &mut points).is_none() {
-                    continue;
-                }
-                let from = (p, On::default(), Some(span.medium));
+            let light = &scene.lights[way.light as usize];
+            for c in end.crossings(scene, way, &span) {
+                let p = span.o + span.w * c.t;
+                let within = WITHIN * scene.bounds.radius() * c.slope.signum() / c.slope.abs().max(WITHIN);
+                let lit = if c.border.is_some() { p + span.w * within } else { p };
+                let mut points = Vec::new();
+                let arrives = match c.border {
+                    Some(_) => beam::emission(scene, way, lit, &mut points).map(|e| e.color()),
+                    None => way.trace(scene, lit, &mut points).map(|_| way.gain * light.value),
+                };
+                let Some(arrives) = arrives else { continue };
+                let from = (lit, On::default(), Some(span.medium));
                 let Some(shadow) = beam::clear(scene, way, &points, from, rng, &mut |_| {}) else { continue };
                 let m = &scene.media[span.medium as usize];
                 let f = m.phase.eval(one_minus_cos(span.w, -way.w));
-                let flux =
-                    (walked.weight)(t) * m.coefficients(p).1 * shadow * way.gain * light.value * (f / slope.abs());
+                let flux = (walked.weight)(c.t) * m.coefficients(p).1 * shadow * arrives * (f / c.slope.abs());
                 if flux.is_zero() {
                     continue;
                 }
                 let mut partials = Partials::default();
                 let start = velocity(&walked.whole, p);
-                distance_forms(scene, cx.sensor, cx.moving, way, p, start, |q| {
-                    partials.push(Partial { v: -q.v, ..q });
-                });
-                partials.push(Partial { slot: light.place.radius, v: DVec3::X, len: 1 });
+                match c.border {
+                    Some(b) => {
+                        let (way, from) = ((way, b.step), (p, start));
+                        slide_forms(scene, cx.sensor, cx.moving, way, from, b.m, |q| partials.push(q));
+                    }
+                    None => {
+                        distance_forms(scene, cx.sensor, cx.moving, way, p, start, |q| {
+                            partials.push(Partial { v: -q.v, ..q });
+                        });
+                        partials.push(Partial { slot: light.place.radius, v: DVec3::X, len: 1 });
+                    }
+                }
                 emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
             }
         }
+    }
+}
+
+/// Edges of faces through which a way leaves a block, or at which it is mirrored inside of it.
+fn borders(scene: &Scene, way: &Way) -> Vec<Border> {
+    let mut list = Vec::new();
+    for (k, s) in way.steps.iter().enumerate() {
+        let shape = &scene.shapes[s.shape as usize].shape;
+        let corners = corners(shape, s.face);
+        // Where a beam enters, or meets an open face, no edge may stand in it ([`super::interfaces`]).
+        if !shape.is_closed() || s.n.dot(s.before) < 0.0 {
+            continue;
+        }
+        let middle = corners.iter().sum::<DVec3>() / corners.len().max(1) as f64;
+        for (i, &a) in corners.iter().enumerate() {
+            let b = corners[(i + 1) % corners.len()];
+            let (length, t) = ((b - a).length(), (b - a).normalize());
+            let m = s.n.cross(t);
+            let m = if m.dot(middle - a) < 0.0 { -m } else { m };
+            list.push(Border { step: k, a, t, length, m });
+        }
+    }
+    list
+}
+
+impl End {
+    fn crossings(&self, scene: &Scene, way: &Way, span: &MediumSpan) -> Vec<Crossing<'_>> {
+        let mut list = Vec::new();
+        if self.round {
+            list.extend(edges(scene, way, span).into_iter().map(|(t, slope)| Crossing {
+                t,
+                slope: -slope,
+                border: None,
+            }));
+        }
+        // How far within the face the line meets its plane is affine along the span.
+        let scale = if span.t1.is_finite() { span.t1 - span.t0 } else { scene.bounds.radius() };
+        for b in &self.borders {
+            let at = |t: f64| way.on_plane(b.step, span.o + span.w * t) - b.a;
+            let (x, y) = (at(span.t0), at(span.t0 + scale));
+            let slope = (y - x).dot(b.m) / scale;
+            let t = span.t0 - x.dot(b.m) / slope;
+            if slope == 0.0 || !(t > span.t0 && t < span.t1) {
+                continue;
+            }
+            let along = at(t).dot(b.t);
+            if along > 0.0 && along < b.length {
+                list.push(Crossing { t, slope, border: Some(b) });
+            }
+        }
+        list
     }
 }
 

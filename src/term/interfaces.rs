@@ -119,7 +119,7 @@ fn rims_of_balls(scene: &Scene, motion: &Motion) -> Result<()> {
         let jumps = set.hide_emitters
             || set.min_order > 0
             || set.max_depth < 2
-            || (scatters || opaque) && set.max_depth < u32::MAX;
+            || (scatters || opaque || several) && set.max_depth < u32::MAX;
         if jumps {
             let what = format!(
                 "at the rim of `{}` light counts one scattering more than beside it, and some numbers of scatterings are left out: how the rim moves cannot be told yet",

@@ -98,6 +98,35 @@ pub fn distance_forms(
     }
 }
 
+/// How the point where that line meets the way's `k`th plane moves along the vector m, over the matter of the plane's face.
+pub fn slide_forms(
+    scene: &Scene,
+    sensor: &Sensor,
+    moving: &Moving,
+    (way, k): (&Way, usize),
+    (x, start): (DVec3, Velocity),
+    m: DVec3,
+    mut out: impl FnMut(Partial),
+) {
+    let mut points = Vec::new();
+    if way.trace(scene, x, &mut points).is_none() {
+        return;
+    }
+    let turns = turns(scene, moving, way, &points);
+    // The line that begins there is that many lines behind the first.
+    let (mut line_of, wanted, mut at) = (0, way.steps.len() - k, None);
+    back(scene, moving, way, &points, &turns, (x, start), |line, (o, _), _| {
+        if line_of == wanted {
+            at = Some((o, line.ray.at(o)));
+        }
+        line_of += 1;
+    });
+    let Some((o, velocity)) = at else { return };
+    velocity.forms(scene, sensor, m, &mut out);
+    let step = &way.steps[k];
+    scene.matter(step.shape, step.face).forms(o, -m, out);
+}
+
 impl Connection<'_> {
     /// Hands out its partials; what it asks of ẋ is added to `at`.
     pub fn partials<S: Sink>(&self, cx: &mut Chained<S>, at: &mut Covector) {

@@ -31,6 +31,7 @@ const NO: Facts = Facts {
     dielectric: false,
     polygonal_dielectric: false,
     rims: false,
+    round_outline: false,
     beyond_interface: false,
     rough: false,
     light_across_interface: false,

@@ -240,13 +240,17 @@ fn outlines_by_way_of_glass_are_refused() {
     rejected(&MIRROR.replace(r#"<scale value="40"/>"#, r#"<scale value="0.5"/>"#), "bx", "falls over the border");
     rejected(&MIRROR.replace(r#"<translate y="2.6"/>"#, r#"<translate y="4"/>"#), "bx", "begins inside a medium");
     let with = |more: &str| ball().replace("</scene>", &format!("{more}</scene>"));
-    let floor = r#"<shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/><translate y="-2"/></transform><bsdf type="diffuse"/></shape>"#;
-    refused(&with(floor), "ior", "floor");
-    refused(&with(floor), "cam", "floor");
+    let plate = r#"<shape type="disk" id="plate"><transform name="to_world"><translate z="-2"/></transform><bsdf type="diffuse"/></shape>"#;
+    refused(&with(plate), "ior", "plate");
+    refused(&with(plate), "cam", "plate");
+    // One scattering more at the rim, of a finite number.
+    let floor = plate.replace("disk", "rectangle");
+    rejected(&with(&floor), "cam", "at the rim of");
     let point = r#"<emitter type="point" id="lamp"><point name="position" value="0, 3, 0"/></emitter>"#;
     refused(&with(point), "ior", "lamp");
     let block = r#"<shape type="cube" id="block"><transform name="to_world"><translate x="3"/></transform><bsdf type="dielectric"/></shape>"#;
-    refused(&with(block), "ior", "block");
-    let plate = r#"<shape type="disk" id="plate"><transform name="to_world"><translate z="-2"/></transform><bsdf type="diffuse"/></shape>"#;
+    rejected(&with(block), "ior", "at the rim of");
+    let can = r#"<shape type="cylinder" id="can"><point name="p0" value="2, 0, 0"/><point name="p1" value="3, 0, 0"/><bsdf type="dielectric"/></shape>"#;
+    refused(&with(can), "ior", "can");
     refused(&beam("hard", 0.3).replace("</scene>", &format!("{plate}</scene>")), "bx", "plate");
 }
