@@ -92,6 +92,12 @@ pub fn run(
             let tail = if several { format!("_{}", done.len() + 1) } else { String::new() };
             let start: Vec<Option<f64>> = start.iter().map(|x| Some(*x).filter(|x| !x.is_nan())).collect();
             let place = folder.join(format!("state{tail}.bin"));
+            if args.resume && done.is_empty() && !place.exists() {
+                return Err(Error::usage(
+                    format!("--resume: {} does not exist", place.display()),
+                    "name the folder that the fit was begun in, with its number of starts and seeds, or leave out --resume",
+                ));
+            }
             let saved = if args.resume && place.exists() { Some(read(&place)?) } else { None };
             let (number, mut kept) = (done.len() + 1, Instant::now());
             let mut tell = |i: usize, step: &Step| {

@@ -130,10 +130,13 @@ pub fn fit(
     }
     let before = s.history.last().map_or(0.0, |h| h.seconds);
     let elapsed = || before + began.elapsed().as_secs_f64();
+    // The state as it was before a refinement that no step has followed yet: what is read again has the lattice of its last step.
+    let mut unrefined = None;
     let mut reason = if s.converged { "converged" } else { "the iterations are over" };
     while s.history.len() < p.iterations && !s.converged {
         let iteration = s.history.len();
         if p.refine.contains(&iteration) {
+            unrefined = Some(state::write(&s, fingerprint)?);
             run.refine(&mut s);
         }
         let (mut step, gradient) = match run.evaluate(&s.adam.u, iteration, health) {
@@ -153,6 +156,7 @@ pub fn fit(
         s.adam.step(&gradient);
         let full = s.halves.push(&s.adam.u);
         s.history.push(step);
+        unrefined = None;
         s.converged = full && run.converged(&s);
         if s.converged {
             reason = "converged";
@@ -165,7 +169,10 @@ pub fn fit(
             break;
         }
     }
-    keep(state::write(&s, fingerprint)?)?;
+    keep(match unrefined {
+        Some(bytes) => bytes,
+        None => state::write(&s, fingerprint)?,
+    })?;
     let mean = if s.halves.counts == [0; 2] { s.adam.u.clone() } else { s.halves.mean() };
     run.place(&mean)?;
     let last = &s.history[s.history.len().saturating_sub(p.rule.window)..];

@@ -429,9 +429,12 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     };
     let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
     let through = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. });
-    // The border of an open interface counts as out of sight (`term::interfaces`).
+    // The border of an open interface counts as out of sight (`term::interfaces`), that of a mirror does not.
     let edged = |k: &ShapeKind<f64>| !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Rectangle | ShapeKind::Disk);
     let outlined = |s: usize| opaque(s) && !smooth(s);
+    let is_mirror = |s: &ShapePart<f64>| {
+        matches!(s.kind, ShapeKind::Rectangle) && matches!(p.surfaces[s.surface], SurfacePart::Conductor { .. })
+    };
     // As `term::interfaces` has it.
     let is_round = |s: &ShapePart<f64>| match s.kind {
         ShapeKind::Sphere { .. } | ShapeKind::Disk => outlined(s.surface),
@@ -461,7 +464,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
-        polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && edged(&s.kind)),
+        polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),
         rims: rims(p),
         // Whatever there is besides, or behind, may be seen in it.
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),

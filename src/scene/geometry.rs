@@ -392,7 +392,15 @@ impl Scene {
     pub fn medium_toward(&self, o: DVec3, w: DVec3, on: &On, otherwise: Option<u32>) -> Option<u32> {
         let (mut o, mut on) = (o, *on);
         for _ in 0..self.max_interfaces {
-            let Some((t, shape, face)) = self.null.nearest(self, o, w, f64::INFINITY, &on, Medium::Any) else { break };
+            let null = self.null.nearest(self, o, w, f64::INFINITY, &on, Medium::Any);
+            // Glass parts media, too.
+            let glass = || {
+                let limit = null.map_or(f64::INFINITY, |n| n.0);
+                let met = self.opaque.nearest(self, o, w, limit, &on, Medium::Any)?;
+                let s = &self.shapes[met.1 as usize];
+                (s.boundary && self.surfaces[s.surface as usize].is_transparent()).then_some(met)
+            };
+            let Some((t, shape, face)) = glass().or(null) else { break };
             let h = self.hit(t, o + w * t, shape, face);
             let shape = &self.shapes[h.shape as usize];
             if shape.boundary {

@@ -128,6 +128,16 @@ impl Scene {
         let parts = Parts::read(desc, &desc.values::<f64>())?;
         let Target::Voxels(medium, quantity) = arrays::target(&parts, name)? else { return Ok(None) };
         let Some((g, _)) = self.media[medium].grid_of(quantity) else { return Ok(None) };
+        if let Some(VolumePart::Vdb { file, span, .. }) = volume(&parts.media[medium], quantity) {
+            // What is written has one grid, of fog.
+            if file.fog {
+                return Err(Error::scene(
+                    span,
+                    format!("`{name}` is fog made of a level set: a file of fog could not stand in for it"),
+                    "convert the level set to a fog volume first, and read that without level_set",
+                ));
+            }
+        }
         Ok(Some(Voxels { medium, quantity, field: g.field() }))
     }
 

@@ -4,12 +4,20 @@
 //! the interface itself, are [`super::virtual_edge`]'s. What is left are outlines of curved things by way of an interface, and shadows of lights without extent that are cast through it. A smooth
 //! silhouette of glass is no jump: at grazing all light is mirrored, straight on.
 
-use super::Motion;
+use super::{Motion, ends};
 use crate::error::{Error, Result};
 use crate::light::LightKind;
 use crate::scene::beams::is_flat;
+use crate::scene::nearest::Kind;
 use crate::scene::{Instance, On, Scene};
 use crate::shape::{Geometry, Shape};
+use crate::surface::Surface;
+use rayon::prelude::*;
+
+/// Faces of a smooth mesh at most: every chain of them has to be found by chance.
+const FACETS: u32 = 512;
+/// Where an edge is looked at for what it touches.
+const PLACES: [f64; 5] = [0.02, 0.27, 0.5, 0.73, 0.98];
 
 pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     beams(scene, motion)?;
@@ -28,12 +36,26 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     if !motion.surfaces() {
         return Ok(());
     }
-    if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| matches!(s.shape, Shape::Cylinder(_))) {
+    let is_metal = |s: &Instance| matches!(scene.surfaces[s.surface as usize], Surface::Conductor { .. });
+    let has_rims =
+        |s: &&Instance| matches!(s.shape, Shape::Cylinder(_)) || matches!(s.shape, Shape::Disk(_)) && is_metal(s);
+    if let Some(s) = scene.shapes.iter().filter(smooth).find(has_rims) {
         let what = format!(
-            "`{}` mirrors or refracts: what moves beside a cylinder that does cannot be differentiated yet, nor its index",
+            "`{}` mirrors or refracts and has a round rim: what moves beside it cannot be differentiated yet, nor its index",
             s.name
         );
-        return Err(Error::usage(what, "interfaces may be spheres, rectangles, disks, cubes and meshes here"));
+        return Err(Error::usage(
+            what,
+            "interfaces may be spheres, rectangles, cubes and meshes here, and disks of glass",
+        ));
+    }
+    if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| s.shape.face_count() > FACETS) {
+        let what = format!(
+            "`{}` mirrors or refracts and has {} faces: to find the edges seen through so many takes too long",
+            s.name,
+            s.shape.face_count()
+        );
+        return Err(Error::usage(what, format!("use a mesh of at most {FACETS} faces, or a sphere")));
     }
     if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| s.light.is_some()) {
         let what = format!(
@@ -53,6 +75,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         ));
     }
     touching(scene)?;
+    contacts(scene, motion)?;
     rims_of_balls(scene, motion)?;
     let outer = scene.sensors.first().and_then(|s| scene.outer_medium(s.to_world.translation, s.medium));
     let endless = outer.filter(|&m| scene.environment.is_some() && scene.media[m as usize].density_grid().is_some());
@@ -99,6 +122,38 @@ fn touching(scene: &Scene) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// An edge on a smooth face that is not its own is seen from the other side through that face, or hidden behind it, which [`super::virtual_edge`] does not tell; the border of a half-space of glass
+/// where something stands in it is in sight.
+fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
+    let smooth = |id: u32| scene.surfaces[scene.shapes[id as usize].surface as usize].is_smooth();
+    let edges = motion.edges(scene);
+    let touched = |i: usize| {
+        let edge = edges.get(scene, i);
+        let own: Vec<(u32, u32)> = edge.sides().map(|s| (s.0, s.1)).collect();
+        let of_glass = own.iter().any(|f| smooth(f.0));
+        let half_space =
+            own.len() == 1 && of_glass && matches!(scene.shapes[own[0].0 as usize].shape, Shape::Rectangle(_));
+        let meets = |s: u32, f: u32| match (of_glass, half_space) {
+            (false, _) => smooth(s),
+            (true, true) => s != own[0].0,
+            (true, false) => smooth(s) && own.iter().all(|o| o.0 != s),
+        } && !own.contains(&(s, f));
+        PLACES.iter().find_map(|&t| {
+            let p = edge.edge.a.lerp(edge.edge.b, t);
+            let near = scene.nearest_point(Kind::Opaque, p, ends::contact(scene), &meets)?;
+            Some((own[0].0, near.shape))
+        })
+    };
+    let Some((a, b)) = (0..edges.len()).into_par_iter().find_map_first(touched) else { return Ok(()) };
+    let name = |k: u32| &scene.shapes[k as usize].name;
+    let what = format!(
+        "`{}` touches `{}`, one of which mirrors or refracts: what jumps where they touch cannot be told yet",
+        name(a),
+        name(b)
+    );
+    Err(Error::usage(what, "leave a small gap between them"))
 }
 
 /// Light that a ball mirrors straight on at its rim has scattered once more than what passes beside it: it jumps where that counts.
