@@ -97,14 +97,14 @@ fn needs_the_room(text: &str, name: &str, h: f64, spp: u64) {
 #[test]
 fn a_lamp_behind_a_pane() {
     let what = [("ior", 0.02), ("x", 0.02), ("h", 0.02), ("cam", 0.02), ("tilt", 1.0)];
-    against_differences(PANE, &what, &["all"], 1 << 13, 0.02);
+    against_differences(PANE, &what, &["all"], 1 << 12, 0.02);
     needs_the_room(PANE, "ior", 0.02, 1 << 13);
     needs_the_room(PANE, "h", 0.02, 1 << 13);
 }
 
 #[test]
 fn edges_of_a_block_of_glass() {
-    against_differences(BLOCK, &[("ior", 0.02), ("x", 0.04), ("s", 0.02), ("cam", 0.04)], &["all"], 1 << 13, 0.02);
+    against_differences(BLOCK, &[("ior", 0.02), ("x", 0.04), ("s", 0.02), ("cam", 0.04)], &["all"], 1 << 12, 0.02);
     needs_the_room(BLOCK, "ior", 0.02, 1 << 12);
     needs_the_room(BLOCK, "x", 0.04, 1 << 12);
 }
@@ -117,12 +117,12 @@ fn vertices_behind_a_pane_look_past_edges() {
 
 #[test]
 fn a_block_of_glass_and_fog_over_a_floor() {
-    against_differences(ROOM, &[("ior", 0.03), ("cam", 0.05)], &["all"], 1 << 13, 0.02);
+    against_differences(ROOM, &[("ior", 0.03), ("cam", 0.05)], &["all"], 1 << 12, 0.02);
 }
 
 #[test]
 fn the_rim_of_a_mirror_ball_in_fog() {
-    against_differences(BALL, &[("cam", 0.1), ("lamp", 0.1)], &["all"], 1 << 13, 0.02);
+    against_differences(BALL, &[("cam", 0.1), ("lamp", 0.1)], &["all"], 1 << 12, 0.02);
 }
 
 #[test]
