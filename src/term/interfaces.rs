@@ -133,8 +133,9 @@ fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
         let edge = edges.get(scene, i);
         let own: Vec<(u32, u32)> = edge.sides().map(|s| (s.0, s.1)).collect();
         let of_glass = own.iter().any(|f| smooth(f.0));
-        let half_space =
-            own.len() == 1 && of_glass && matches!(scene.shapes[own[0].0 as usize].shape, Shape::Rectangle(_));
+        let first = &scene.shapes[own[0].0 as usize];
+        let open = own.len() == 1 && matches!(first.shape, Shape::Rectangle(_));
+        let half_space = open && matches!(scene.surfaces[first.surface as usize], Surface::Dielectric { .. });
         let meets = |s: u32, f: u32| match (of_glass, half_space) {
             (false, _) => smooth(s),
             (true, true) => s != own[0].0,

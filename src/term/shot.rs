@@ -94,16 +94,17 @@ pub struct Place {
     pub medium: Option<u32>,
 }
 
-/// Walk a ray through the scene; `choose` says at each smooth surface whether to go through (`None`: the chain ends before it), given the share that is mirrored.
+/// Walk a ray through the scene; `choose` says at each smooth surface whether to go through (`None`: the chain ends before it), given the share that is mirrored. Its weight leaves out media unless it is `weighed`.
 fn walk(
     scene: &Scene,
     start: Start,
     place: &Place,
+    weighed: bool,
     mut choose: impl FnMut(&Specular, f64, bool) -> Option<bool>,
 ) -> Option<Left> {
     let mut ray = Left { at: start, on: place.on, medium: place.medium, chain: Vec::new(), weight: Rgb::ONE };
     loop {
-        let (line, hit) = Line::to_surface(scene, ray.at.o, ray.at.w, &ray.on, ray.medium)?;
+        let (line, hit) = Line::to_surface(scene, ray.at.o, ray.at.w, &ray.on, ray.medium, weighed)?;
         let Some(hit) = hit else { return Some(ray) };
         let shape = &scene.shapes[hit.shape as usize];
         let surface = &scene.surfaces[shape.surface as usize];
@@ -128,7 +129,7 @@ fn walk(
 fn random_chain(scene: &Scene, start: Start, place: &Place, rng: &mut Rng) -> Option<Vec<Step>> {
     let mut lossless = false;
     let mut first = true;
-    let left = walk(scene, start, place, |_, mirrored, passable| {
+    let left = walk(scene, start, place, false, |_, mirrored, passable| {
         let on = if lossless { GOES_ON_MIRRORED } else { GOES_ON };
         if !std::mem::take(&mut first) && rng.uniform() >= on {
             return None;
@@ -266,7 +267,7 @@ fn solve(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], e: DVec3) -> Op
 /// The eye's ray to e through this chain, if the scene lets it through.
 fn fire(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], e: DVec3) -> Option<Shot> {
     let mut k = 0;
-    let left = walk(scene, start, place, |met, _, _| {
+    let left = walk(scene, start, place, true, |met, _, _| {
         let step = chain.get(k).filter(|s| (s.shape, s.face) == (met.hit.shape, met.hit.face))?;
         k += 1;
         Some(step.through)
@@ -276,7 +277,7 @@ fn fire(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], e
     }
     let w = left.at.w;
     let distance = (e - left.at.o).dot(w);
-    let (_, hit) = Line::to_surface(scene, left.at.o, w, &left.on, left.medium)?;
+    let (_, hit) = Line::to_surface(scene, left.at.o, w, &left.on, left.medium, false)?;
     // Where e lies on the chain's last face it is that face's border, not something behind it.
     let on_the_last = left.chain.last().is_some_and(|_| distance <= SAME * (e - start.o).length());
     if distance <= 0.0 || on_the_last || hit.is_some_and(|h| h.t < distance * (1.0 - AT_THE_EDGE)) {

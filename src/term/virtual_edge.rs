@@ -22,7 +22,7 @@ use super::{Context, Motion, Room, Sample};
 use crate::math::discrete::Discrete;
 use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
-use crate::math::{DVec3, Rgb};
+use crate::math::{DVec3, Rgb, warp};
 use crate::scene::{Hit, Instance, On, Scene};
 use crate::sensor::Projection;
 use crate::shape::{Geometry, Shape};
@@ -274,6 +274,10 @@ impl VirtualEdge {
         let start = MovingRay::leaving(v.p(), v.w, path.velocity(cx, v));
         let (eye, place) = (Eye::Point(v.p()), v.place());
         let random = |rng: &mut Rng| {
+            // Small interfaces are found by their points, large ones by directions: of a plane without end nearly all points are seen at grazing.
+            if rng.uniform() < 0.5 {
+                return Some(Start { o: v.p(), w: warp::sphere(rng.uniform(), rng.uniform()) });
+            }
             let (k, _, u) = self.by_area.sample(rng.uniform());
             let p = scene.shapes[self.interfaces[k] as usize].shape.sample(u, rng.uniform()).p;
             Some(Start { o: v.p(), w: (p - v.p()).try_normalize()? })

@@ -54,12 +54,19 @@ impl Line {
         None
     }
 
-    /// From `o` on the faces `on`, in `medium`, to the first surface that is not passed unchanged, with that; `None` after too many interfaces.
-    pub fn to_surface(scene: &Scene, o: DVec3, w: DVec3, on: &On, medium: Option<u32>) -> Option<(Line, Option<Hit>)> {
+    /// From `o` on the faces `on`, in `medium`, to the first surface that is not passed unchanged, with that; `None` after too many interfaces. Without spans unless it is `weighed`.
+    pub fn to_surface(
+        scene: &Scene,
+        o: DVec3,
+        w: DVec3,
+        on: &On,
+        medium: Option<u32>,
+        weighed: bool,
+    ) -> Option<(Line, Option<Hit>)> {
         let (mut line, mut at, mut on, mut medium) = (Line::default(), o, *on, medium);
         for _ in 0..scene.max_interfaces {
             let hit = scene.intersect(at, w, f64::INFINITY, &on, medium);
-            if let Some(id) = medium {
+            if let Some(id) = medium.filter(|_| weighed) {
                 let length = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
                 line.push(scene, MediumSpan::new(id, at, w, length, &on, hit.as_ref()));
             }
