@@ -120,18 +120,28 @@ pub fn run(
                 let name = f.name.trim_end_matches(".grid");
                 vdb::write(&folder.join(format!("{name}{tail}.vdb")), &[grid])?;
             }
-            let stopped = p.setup.stop.exit_code().is_some();
-            let seen = if stopped { Vec::new() } else { views::look(&member.scene, &all, targets, LOOK_SPP, seed)? };
-            if !stopped {
+            // A signal ends the comparison, not what comes after it.
+            let compare = || {
+                if p.setup.stop.exit_code().is_some() {
+                    return Err(Error::Interrupted);
+                }
+                log.info(format!("run {number}: comparing {} views at {LOOK_SPP} samples", all.len()));
+                let seen = views::look(&member.scene, &all, targets, LOOK_SPP, seed)?;
                 views::write(&folder.join(format!("views{tail}.png")), &seen, &all, targets)?;
-            }
-            if let (Some((view, way)), false) = (&way, stopped || args.frames == 0) {
-                let truth: Option<Vec<(&str, f64)>> =
-                    p.rendered().map(|r| r.values.iter().map(|(n, x)| (n.as_str(), *x)).collect());
-                let path = folder.join(format!("turntable{tail}.png"));
-                let dress = |m: &mut Member| dress(&result, m);
-                turntable::write(&path, &p.family, &values, *view, way, &dress, truth.as_deref())?;
-            }
+                if let Some((view, way)) = way.as_ref().filter(|_| args.frames > 0) {
+                    let truth: Option<Vec<(&str, f64)>> =
+                        p.rendered().map(|r| r.values.iter().map(|(n, x)| (n.as_str(), *x)).collect());
+                    let path = folder.join(format!("turntable{tail}.png"));
+                    let dress = |m: &mut Member| dress(&result, m);
+                    turntable::write(&path, &p.family, &values, *view, way, &dress, truth.as_deref())?;
+                }
+                Ok(seen)
+            };
+            let seen = match compare() {
+                Err(Error::Interrupted) => Vec::new(),
+                seen => seen?,
+            };
+            let stopped = p.setup.stop.exit_code().is_some();
             done.push(Done { seed, start, result, seen, errors });
             // What is done is kept, whatever comes.
             history(&folder.join("history.csv"), p, &done)?;

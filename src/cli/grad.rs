@@ -351,7 +351,8 @@ fn summary(r: &RunReport, outputs: &Option<Outputs>) -> String {
     }
     let mut text = format::table(&rows);
     if let Some(l) = &r.loss {
-        text = format!("loss {:.6e}\n{text}", l.value);
+        let value = if l.value.is_finite() { format!("{:.6e}", l.value) } else { "unknown (one batch only)".into() };
+        text = format!("loss {value}\n{text}");
     }
     if let Some(o) = outputs {
         text += &format!("\nwrote {}", o.main.display());

@@ -468,7 +468,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         rims: rims(p),
         // Whatever there is besides, or behind, may be seen in it.
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
-        round_outline: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| is_round(s)),
+        round_outline: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(is_round),
         rough: p.shapes.iter().any(|s| matches!(p.surfaces[s.surface], SurfacePart::Rough { .. })),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
     }
