@@ -197,7 +197,7 @@ fn nothing_is_written_on_usage_and_scene_errors() {
         ("grad fog.xml --wrt sigma_t,sigma_t", "twice"),
         ("grad fog.xml --wrt depth", "an integer"),
         ("grad fog.xml --wrt fog.sigma_t.grid", "an array has a gradient"),
-        ("grad fog.xml --wrt sigma_t --terms virtual_edge", "not available yet"),
+        ("grad fog.xml --wrt sigma_t --terms face_sweep", "not available yet"),
         ("grad fog.xml --wrt sigma_t --terms interio", "did you mean `interior`"),
         ("grad fog.xml --wrt sigma_t --loss l2", "--target"),
         ("grad fog.xml --wrt sigma_t --adjoint fog.xml", "fog.xml"),
