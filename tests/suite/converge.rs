@@ -37,7 +37,8 @@ fn errors_are_measured_against_a_reference() {
     let levels = s["levels"].as_array().unwrap();
     let reached: Vec<&Value> = levels.iter().filter(|l| !l["ratio"].is_null()).collect();
     assert_eq!(reached.last().unwrap()["ratio"], s["speedup"]);
-    assert!(levels.windows(2).all(|w| w[0]["rmse"].as_f64() > w[1]["rmse"].as_f64()), "{s}");
+    // Curves of different steps may tie: albedo is nearly linear.
+    assert!(levels.windows(2).all(|w| w[0]["rmse"].as_f64() >= w[1]["rmse"].as_f64()), "{s}");
 
     // A reference from a file.
     f.run(0, "render fog.xml --spp 512 --seed 8 -o ref.exr -q");

@@ -63,10 +63,25 @@ const FOG: &str = r#"<scene version="3.0.0">
     <float name="cutoff_angle" value="20"/><float name="beam_width" value="20"/><rgb name="intensity" value="8"/></emitter>
 </scene>"#;
 
+/// A floor, a block, a lamp and a block of glass in a vacuum; index, opaque block, lamp and camera move.
+const GLASS: &str = r#"<scene version="3.0.0">
+  <default name="ior" value="1.4"/><default name="turn" value="20"/><default name="lamp" value="0.4"/><default name="camera" value="0.1"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <sensor type="perspective"><float name="fov" value="36"/>
+    <transform name="to_world"><lookat origin="$camera, 1.6, 4" target="0, 0.5, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="6"/><rfilter type="gaussian"/></film><sampler type="ldsampler"/></sensor>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.3"/><rotate y="1" angle="$turn"/><translate x="-0.6" y="0.6" z="0.3"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.5"/><rotate y="1" angle="15"/><translate x="0.6" y="0.7" z="0.4"/></transform>
+    <bsdf type="dielectric"><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="$lamp"/><translate x="0.5" y="0.7" z="-0.8"/></transform>
+    <emitter type="area"><rgb name="radiance" value="6"/></emitter></shape>
+</scene>"#;
+
 /// Scene, what moves in it, and the rooms that this needs.
 type Case = (&'static str, [&'static str; 4], &'static [&'static str]);
 
-const CASES: [Case; 3] = [
+const CASES: [Case; 4] = [
     (ROOM, MOVING, &["light_shadow", "hard_profile"]),
     (VACUUM, ["ball", "turn", "lamp", "camera"], &["light_shadow", "pixel_edge", "surface_edge"]),
     (
@@ -74,6 +89,7 @@ const CASES: [Case; 3] = [
         ["ball", "turn", "lamp", "camera"],
         &["light_shadow", "hard_profile", "pixel_edge", "surface_edge", "medium_edge"],
     ),
+    (GLASS, ["ior", "turn", "lamp", "camera"], &["pixel_edge", "virtual_edge", "surface_edge"]),
 ];
 
 fn terms(names: &[&str]) -> Terms {
