@@ -2,8 +2,10 @@
 //!
 //! With c the cosine of a microfacet's normal with the surface's, s its sine, α the roughness and t = (s / (α c))²:
 //!
-//!     Beckmann  D = e^-t / (π α² c⁴),          Λ(a) = e^(-a²) / (2 a √π) - erfc(a)/2
-//!     GGX       D = 1 / (π α² c⁴ (1 + t)²),    Λ(a) = (√(1 + a^-2) - 1) / 2        a = cot θ / α
+//! ```text
+//! Beckmann  D = e^-t / (π α² c⁴),          Λ(a) = e^(-a²) / (2 a √π) - erfc(a)/2
+//! GGX       D = 1 / (π α² c⁴ (1 + t)²),    Λ(a) = (√(1 + a^-2) - 1) / 2        a = cot θ / α
+//! ```
 //!
 //! and `G1 = 1 / (1 + Λ)` of a direction at the angle θ. Sines are given besides cosines: at small α nearly all facets have c = 1 but for rounding.
 

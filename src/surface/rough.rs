@@ -2,8 +2,10 @@
 //!
 //! With n the surface's normal, m that of the microfacet which takes one direction to the other, c = <wi,m>, q = -<wo,m>, G = G1(wi) G1(wo):
 //!
-//!     mirrored   f |cos wo| = F D G / (4 |<wi,n>|),                            m ~ wi + wo
-//!     refracted  f |cos wo| = (1-F) n₁² c q D G / (|<wi,n>| |h|²),             m ~ h = n₁ wi + n₂ wo
+//! ```text
+//! mirrored   f |cos wo| = F D G / (4 |<wi,n>|),                            m ~ wi + wo
+//! refracted  f |cos wo| = (1-F) n₁² c q D G / (|<wi,n>| |h|²),             m ~ h = n₁ wi + n₂ wo
+//! ```
 //!
 //! for radiance that arrives from wo and leaves along wi, n₁ being the index on the side of wi: it holds the factor (n₁/n₂)² of [T] 6.1, so that `f(wi,wo) / n₁² = f(wo,wi) / n₂²`.
 //! c and q are cosines of one microfacet: `1 - F = 2ηcq [(ηc+q)^-2 + (c+ηq)^-2]` needs neither a square root nor a subtraction, and goes to 0 with q.

@@ -7,7 +7,9 @@
 //!
 //! A plane bends nothing, so that H of (45) is diagonal along r and across it, and (47) becomes, with nothing that cancels or divides by a distance,
 //!
-//!     G = n₁² c₀ c₁ / [(n₀ c₀² d₁ + n₁ c₁² d₀) (n₀ d₁ + n₁ d₀)].
+//! ```text
+//! G = n₁² c₀ c₁ / [(n₀ c₀² d₁ + n₁ c₁² d₀) (n₀ d₁ + n₁ d₀)].
+//! ```
 
 use super::beam;
 use super::record::{End, Event, Recorder};
