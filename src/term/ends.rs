@@ -315,6 +315,30 @@ pub fn motion(cx: &Context, point: &Point, watch: &Watch, c: DVec3, out: &mut Pa
     velocity.forms(scene, cx.sensor, c, |p| out.push(p));
 }
 
+/// `-v_⊥` (25) of a line that grazes at b, between S and D at these distances from there; n toward the unblocked side. D may be at infinity.
+pub fn between(
+    cx: &Context,
+    [s, d]: [&Point; 2],
+    [ds, dd]: [f64; 2],
+    watch: &Watch,
+    b: DVec3,
+    n: DVec3,
+    grazed: Grazed,
+) -> Partials {
+    let (share_s, share_d) = if dd == f64::INFINITY { (1.0, 0.0) } else { (dd / (ds + dd), ds / (ds + dd)) };
+    let mut p = Partials::default();
+    material(cx.scene, grazed, b, -n, &mut p);
+    motion(cx, d, &watch.beyond(cx, s), n * share_d, &mut p);
+    motion(cx, s, watch, n * share_s, &mut p);
+    p
+}
+
+/// What ends a line behind the edge that it grazes at b. The edge may stand on it.
+pub fn past(scene: &Scene, b: DVec3, w: DVec3, n: DVec3, grazed: Grazed) -> Option<Hit> {
+    let hit = scene.opaque_past(b, w, f64::INFINITY, grazed)?;
+    Some(if hit.t <= contact(scene) { beside(scene, &hit, n) } else { hit })
+}
+
 /// `<c, v>` of a point of an outline, which goes with what is grazed there: all of it alike, so that the first face tells.
 pub fn material(scene: &Scene, grazed: Grazed, p: DVec3, c: DVec3, out: &mut Partials) {
     if let Some((shape, faces)) = grazed.first() {

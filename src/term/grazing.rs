@@ -207,9 +207,7 @@ impl Graze {
     /// `near`: what ends the line toward S.
     fn new(cx: &mut Context, line: Line, element: Element, probability: f64, near: Option<Hit>) -> Option<Graze> {
         let (scene, b, w) = (cx.scene, line.b, line.w);
-        let far = scene.opaque_past(b, w, f64::INFINITY, &element.grazed);
-        // The edge may stand on D.
-        let far = far.map(|d| if d.t <= ends::contact(scene) { ends::beside(scene, &d, line.n) } else { d });
+        let far = ends::past(scene, b, w, line.n, &element.grazed);
         let way = |w: DVec3, end: &Option<Hit>| {
             if scene.media.is_empty() {
                 return Some(Way::default());
@@ -277,13 +275,7 @@ impl Graze {
     /// `-v_⊥` (25), for S at this distance, as the camera's path through S has it.
     pub fn motion(&self, cx: &Context, near: &Point, distance: f64, far: &Far, watch: &Watch) -> Partials {
         let Line { b, n, .. } = self.line;
-        let (ds, dd) = (distance, far.distance);
-        let (share_s, share_d) = if dd == f64::INFINITY { (1.0, 0.0) } else { (dd / (ds + dd), ds / (ds + dd)) };
-        let mut p = Partials::default();
-        ends::material(cx.scene, self.grazed(), b, -n, &mut p);
-        ends::motion(cx, &far.at, &watch.beyond(cx, near), n * share_d, &mut p);
-        ends::motion(cx, near, watch, n * share_s, &mut p);
-        p
+        ends::between(cx, [near, &far.at], [distance, far.distance], watch, b, n, self.grazed())
     }
 }
 

@@ -142,8 +142,7 @@ impl HardBeams {
             let light = &scene.lights[way.light as usize];
             for c in end.crossings(scene, way, &span) {
                 let p = span.o + span.w * c.t;
-                let within = WITHIN * scene.bounds.radius() * c.slope.signum() / c.slope.abs().max(WITHIN);
-                let lit = if c.border.is_some() { p + span.w * within } else { p };
+                let lit = c.border.map_or(p, |b| b.within(way, p, WITHIN * scene.bounds.radius()));
                 let mut points = Vec::new();
                 let arrives = match c.border {
                     Some(_) => beam::emission(scene, way, lit, &mut points).map(|e| e.color()),
@@ -198,6 +197,16 @@ fn borders(scene: &Scene, way: &Way) -> Vec<Border> {
         }
     }
     list
+}
+
+impl Border {
+    /// The point nearest to p, on the edge's sheet, whose line meets the plane this far within the face.
+    fn within(&self, way: &Way, p: DVec3, by: f64) -> DVec3 {
+        let at = |p: DVec3| way.on_plane(self.step, p).dot(self.m);
+        // Affine in p.
+        let slope = DVec3::new(at(p + DVec3::X), at(p + DVec3::Y), at(p + DVec3::Z)) - at(p);
+        p + slope * (by / slope.length_squared())
+    }
 }
 
 impl End {

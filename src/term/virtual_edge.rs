@@ -13,7 +13,7 @@
 //! differently.
 
 use super::edge_set::{EdgeSet, SharedEdge};
-use super::ends::{self, Point, Watch};
+use super::ends::{self, Point};
 use super::grazing_line::{Curve, seen_on};
 use super::seen_path::{Path, Vertex};
 use super::sheet::Partials;
@@ -214,7 +214,7 @@ impl VirtualEdge {
         }
         let Some(shot) = shot::straight(scene, v.p(), &v.place(), line.b) else { return };
         let grazed = [(ball, Vec::new())];
-        let end = past(scene, line.b, line.w, line.n, &grazed);
+        let end = ends::past(scene, line.b, line.w, line.n, &grazed);
         let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
         let Some((at, distance, light)) = ends::sent(cx, line.b, line.w, end, shot.medium, false, stream) else {
             return;
@@ -255,7 +255,7 @@ impl VirtualEdge {
                 return;
             }
             let watch = path.watch(cx, v);
-            let partials = between(cx, [&v.point, at], [shot.distance, *distance], &watch, b, n, grazed);
+            let partials = ends::between(cx, [&v.point, at], [shot.distance, *distance], &watch, b, n, grazed);
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
         }
     }
@@ -271,7 +271,7 @@ impl VirtualEdge {
         emit: &mut dyn FnMut(&Sample),
     ) {
         let scene = cx.scene;
-        let start = MovingRay::leaving(v.p(), v.w, path.velocity(cx, v));
+        let start = |cx: &Context, w: DVec3| MovingRay::leaving(v.p(), w, path.velocity(cx, v));
         let (eye, place) = (Eye::Point(v.p()), v.place());
         let random = |rng: &mut Rng| {
             // Small interfaces are found by their points, large ones by directions: of a plane without end nearly all points are seen at grazing.
@@ -284,19 +284,19 @@ impl VirtualEdge {
         };
         let begins = |_: &Context, s: &Shot| Some((v.scatter(scene, s.start.w) * v.weight, film));
         let (u, far) = (rng.uniform(), v.depth + 1);
-        let found = self.through(cx, &eye, &place, &start, u, far, rng, random, begins);
+        let found = self.through(cx, &eye, &place, start, u, far, rng, random, begins);
         if let Some((flux, film, partials)) = found {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
         }
     }
 
-    /// A shot by way of interfaces from an eye whose ray moves so; `begins`: how much it counts and where on the film.
+    /// A shot by way of interfaces from an eye; `start`: how its ray along a direction moves, `begins`: how much it counts and where on the film.
     fn through(
         &self,
         cx: &mut Context,
         eye: &Eye,
         place: &Place,
-        start: &MovingRay,
+        start: impl Fn(&Context, DVec3) -> MovingRay,
         u: f64,
         more: u32,
         rng: &mut Rng,
@@ -312,12 +312,7 @@ impl VirtualEdge {
         let (b, length) = (e.edge.a.lerp(e.edge.b, t), (e.edge.b - e.edge.a).length());
         let drawn = shot::draw(scene, eye, place, b, rng, &random)?;
         let shot = &drawn.shot;
-        let mut ray = match start {
-            MovingRay::From { o, start, turn, .. } => {
-                MovingRay::From { o: *o, w: shot.start.w, start: start.clone(), turn: turn.clone() }
-            }
-            other => other.clone(),
-        };
+        let mut ray = start(cx, shot.start.w);
         for met in &shot.chain {
             ray = FilmLine { scene, moving: cx.moving, ray: &ray }.behind(met);
         }
@@ -368,7 +363,7 @@ impl VirtualEdge {
             jump.held += face(cx, lit);
             return Some(jump);
         }
-        let end = past(scene, b, w, n, grazed);
+        let end = ends::past(scene, b, w, n, grazed);
         let (at, distance, sent) = ends::sent(cx, b, w, end, shot.medium, false, stream)?;
         let sent = sent.shown(cx.set, more);
         match at {
@@ -379,35 +374,11 @@ impl VirtualEdge {
     }
 }
 
-/// What ends a line behind the edge that it grazes at b.
-fn past(scene: &Scene, b: DVec3, w: DVec3, n: DVec3, grazed: &[(u32, Vec<u32>)]) -> Option<Hit> {
-    let hit = scene.opaque_past(b, w, f64::INFINITY, grazed)?;
-    // The edge may stand on it.
-    Some(if hit.t <= ends::contact(scene) { ends::beside(scene, &hit, n) } else { hit })
-}
-
 /// `<n, u - ẋ_B>`, for a ray that moves so.
 fn held(cx: &Context, ray: &MovingRay, b: DVec3, n: DVec3, grazed: &[(u32, Vec<u32>)]) -> Partials {
     let mut p = Partials::default();
     ends::material(cx.scene, grazed, b, -n, &mut p);
     ray.at(b).forms(cx.scene, cx.sensor, n, |f| p.push(f));
-    p
-}
-
-/// `-v_⊥` (25) of a line between the vertices S and D at these distances from the edge.
-fn between(
-    cx: &Context,
-    [s, d]: [&Point; 2],
-    [ds, dd]: [f64; 2],
-    watch: &Watch,
-    b: DVec3,
-    n: DVec3,
-    grazed: &[(u32, Vec<u32>)],
-) -> Partials {
-    let mut p = Partials::default();
-    ends::material(cx.scene, grazed, b, -n, &mut p);
-    ends::motion(cx, d, &watch.beyond(cx, s), n * (ds / (ds + dd)), &mut p);
-    ends::motion(cx, s, watch, n * (dd / (ds + dd)), &mut p);
     p
 }
 
@@ -445,8 +416,8 @@ impl Room for VirtualEdge {
             // Of a unit of solid angle, or of area across parallel rays.
             cx.on_film(q.film).then(|| (Rgb::splat(q.pixels_per_area), q.film))
         };
-        let start = cx.moving.film_ray().clone();
-        let found = self.through(cx, &eye, &place, &start, lead[0], 0, rng, random, begins);
+        let start = |cx: &Context, _: DVec3| cx.moving.film_ray().clone();
+        let found = self.through(cx, &eye, &place, start, lead[0], 0, rng, random, begins);
         if let Some((flux, film, partials)) = found {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 0.0, outward: 1.0 });
         }

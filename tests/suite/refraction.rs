@@ -250,6 +250,11 @@ fn outlines_by_way_of_glass_are_refused() {
     refused(&with(point), "ior", "lamp");
     let block = r#"<shape type="cube" id="block"><transform name="to_world"><translate x="3"/></transform><bsdf type="dielectric"/></shape>"#;
     rejected(&with(block), "ior", "at the rim of");
+    let block = block.replace("dielectric", "diffuse").replace("block", "box");
+    let slab = r#"<shape type="cube" id="slab"><transform name="to_world"><scale value="2"/><translate x="3" y="-3"/></transform><bsdf type="dielectric"/></shape>"#;
+    rejected(&with(&format!("{block}{slab}")), "ior", "touches");
+    let mirror = r#"<shape type="disk" id="mirror"><transform name="to_world"><translate z="-2"/></transform><bsdf type="conductor"/></shape>"#;
+    rejected(&with(mirror), "ior", "has a round rim");
     let can = r#"<shape type="cylinder" id="can"><point name="p0" value="2, 0, 0"/><point name="p1" value="3, 0, 0"/><bsdf type="dielectric"/></shape>"#;
     refused(&with(can), "ior", "can");
     refused(&beam("hard", 0.3).replace("</scene>", &format!("{plate}</scene>")), "bx", "plate");
