@@ -1,6 +1,7 @@
 //! From parts to a scene that can be rendered: files are loaded, Embree is built, media and lights get their tables.
 
 use super::beams::Beams;
+use super::critical::Critical;
 use super::desc::SceneDesc;
 use super::geometry::Group;
 use super::parts::{
@@ -32,7 +33,7 @@ const PATH_CAP: u64 = 50_000_000;
 /// See [`Scene::uniform_share`].
 pub(super) const UNIFORM_SHARE: f64 = 0.25;
 /// [`Scene::least_through`], where it is not 0.
-const LEAST_THROUGH: f64 = 0.2;
+const LEAST_THROUGH: f64 = 0.5;
 
 /// Derivative vertices take over from collision scores below this many collisions per extent of a medium.
 const KAPPA_SHARE: f64 = 0.3;
@@ -105,6 +106,7 @@ impl Scene {
             exact_transmittance: false,
             uniform_share: 0.0,
             least_through: 0.0,
+            critical: Critical::default(),
             shapes,
             surfaces,
             media,
@@ -140,6 +142,7 @@ impl Scene {
         }
         if scene.uniform_share > 0.0 || can_refract(desc)? {
             scene.least_through = LEAST_THROUGH;
+            scene.prepare_critical();
         }
         super::advice::advise(&mut scene, &parts);
         Ok(scene)

@@ -4,6 +4,7 @@ pub mod advice;
 pub mod arrays;
 pub mod beams;
 pub mod compile;
+pub mod critical;
 pub mod desc;
 pub mod geometry;
 pub mod lights;
@@ -156,6 +157,8 @@ pub struct Scene {
     pub uniform_share: f64,
     /// The least probability of going on through an interface that does not reflect all: where a parameter can change how much goes either way.
     pub least_through: f64,
+    /// Interfaces near whose critical angles scores need more directions; empty where `least_through` is 0.
+    pub critical: critical::Critical,
     /// Probability of every light for a connection, and of every light with a position for the equi-angular one.
     pub selection: Discrete,
     /// All lights for connections if they are few, more than one, and at infinity; otherwise none.

@@ -10,12 +10,14 @@ pub mod contact;
 pub mod crossings;
 pub mod edge_set;
 pub mod ends;
+pub mod fermat;
 pub mod follows;
 pub mod grazing;
 pub mod grazing_line;
 pub mod hard_beam;
 pub mod hard_profile;
 pub mod interfaces;
+pub mod known_chains;
 pub mod light_shadow;
 pub mod light_walk;
 pub mod medium_edge;
@@ -326,7 +328,9 @@ pub fn rooms(
         v.extend(pixel_edge::PixelEdge::prepare(scene, sensor, motion, margin).map(|r| Box::new(r) as Box<dyn Room>));
     }
     if wanted(virtual_edge::NAME) {
-        v.extend(virtual_edge::VirtualEdge::prepare(scene, motion).map(|r| Box::new(r) as Box<dyn Room>));
+        v.extend(
+            virtual_edge::VirtualEdge::prepare(scene, sensor, motion, margin).map(|r| Box::new(r) as Box<dyn Room>),
+        );
     }
     let from_edges = wanted(surface_edge::NAME) || wanted(medium_edge::NAME);
     let edges = from_edges.then(|| grazing::Edges::new(scene, motion)).flatten().map(Arc::new);

@@ -7,6 +7,7 @@
 //! Nothing lists chains or their solutions. Both are drawn: a random ray finds a chain, Newton's method goes on from there. How probable the result was nobody knows, but
 //! the number of further trials until it is found once more has the mean 1/P (Booth, "Unbiased Monte Carlo Estimation of the Reciprocal of an Integral", 2007).
 
+use super::known_chains::KnownChains;
 use crate::math::fresnel::Interface;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Dual, Real, Rgb, V3, warp};
@@ -51,15 +52,15 @@ pub struct Start {
 }
 
 /// A face of a chain, and whether rays go through it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Step {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Step {
     shape: u32,
     face: u32,
     through: bool,
 }
 
 impl Step {
-    fn of(s: &Specular) -> Step {
+    pub fn of(s: &Specular) -> Step {
         Step { shape: s.hit.shape, face: s.hit.face, through: s.through }
     }
 }
@@ -125,8 +126,8 @@ fn walk(
     }
 }
 
-/// The faces of a random chain behind a ray, at least one; `None` where it meets none, or ends before it has one.
-fn random_chain(scene: &Scene, start: Start, place: &Place, rng: &mut Rng) -> Option<Vec<Step>> {
+/// A random chain behind a ray, of one face at least; `None` where it meets none, or ends before it has one.
+pub fn random_chain(scene: &Scene, start: Start, place: &Place, rng: &mut Rng) -> Option<Vec<Specular>> {
     let mut lossless = false;
     let mut first = true;
     let left = walk(scene, start, place, false, |_, mirrored, passable| {
@@ -137,7 +138,7 @@ fn random_chain(scene: &Scene, start: Start, place: &Place, rng: &mut Rng) -> Op
         lossless = !passable;
         Some(passable && rng.uniform() >= mirrored.clamp(EITHER, 1.0 - EITHER))
     })?;
-    (!left.chain.is_empty()).then(|| left.chain.iter().map(Step::of).collect())
+    (!left.chain.is_empty()).then_some(left.chain)
 }
 
 /// A ray behind one more face of a chain, whose plane or sphere has no borders; `last`: the shape that it starts on.
@@ -303,12 +304,23 @@ pub fn straight(scene: &Scene, p: DVec3, place: &Place, e: DVec3) -> Option<Shot
     fire(scene, &Eye::Point(p), Start { o: p, w: (e - p).normalize() }, place, &[], e)
 }
 
+/// The shot to e by these faces, from a ray near it.
+pub fn by(scene: &Scene, eye: &Eye, near: Start, place: &Place, chain: &[Step], e: DVec3) -> Option<Shot> {
+    let found = solve(scene, eye, near, chain, e)?;
+    fire(scene, eye, found, place, chain, e)
+}
+
+fn steps(chain: &[Specular]) -> Vec<Step> {
+    chain.iter().map(Step::of).collect()
+}
+
 /// A random shot to e by way of at least one interface, from where a random ray of the eye leads. [`Drawn::trials`] gives its weight.
 pub struct Drawn {
     pub shot: Shot,
     chain: Vec<Step>,
 }
 
+/// Of chains that are not known.
 pub fn draw(
     scene: &Scene,
     eye: &Eye,
@@ -316,11 +328,14 @@ pub fn draw(
     e: DVec3,
     rng: &mut Rng,
     mut random: impl FnMut(&mut Rng) -> Option<Start>,
+    known: &KnownChains,
 ) -> Option<Drawn> {
     let start = random(rng)?;
-    let chain = random_chain(scene, start, place, rng)?;
-    let found = solve(scene, eye, start, &chain, e)?;
-    let shot = fire(scene, eye, found, place, &chain, e)?;
+    let chain = steps(&random_chain(scene, start, place, rng)?);
+    if known.holds(&chain) {
+        return None;
+    }
+    let shot = by(scene, eye, start, place, &chain, e)?;
     Some(Drawn { shot, chain })
 }
 
@@ -338,7 +353,7 @@ impl Drawn {
         let own = self.shot.start;
         (1..=TRIALS).find_map(|k| {
             let start = random(rng)?;
-            if random_chain(scene, start, place, rng)? != self.chain {
+            if steps(&random_chain(scene, start, place, rng)?) != self.chain {
                 return None;
             }
             let s = solve(scene, eye, start, &self.chain, e)?;

@@ -15,16 +15,17 @@
 use super::edge_set::{EdgeSet, SharedEdge};
 use super::ends::{self, Point};
 use super::grazing_line::{Curve, seen_on};
+use super::known_chains::KnownChains;
 use super::seen_path::{Path, Vertex};
 use super::sheet::Partials;
-use super::shot::{self, Eye, Place, Shot, Start};
+use super::shot::{self, Drawn, Eye, Place, Shot, Start};
 use super::{Context, Motion, Room, Sample};
 use crate::math::discrete::Discrete;
 use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
 use crate::scene::{Hit, Instance, On, Scene};
-use crate::sensor::Projection;
+use crate::sensor::{Projection, Sensor};
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use crate::transport::first::FilmLine;
@@ -39,6 +40,8 @@ const FLAT: f64 = 1e-9;
 
 pub struct VirtualEdge {
     edges: Arc<EdgeSet>,
+    /// Chains that the camera sees by.
+    known: KnownChains,
     /// Smooth balls, listed behind the edges.
     balls: Vec<u32>,
     /// Over edges by length: all, for shots by way of interfaces.
@@ -108,6 +111,34 @@ fn sees_rims(scene: &Scene, is_ball: impl Fn(&Instance) -> bool) -> bool {
     scene.shapes.iter().any(beside) || scene.sensors.iter().any(|s| fog(s.medium))
 }
 
+/// A shot to a point of an edge, and the probability of the way that it was looked for.
+enum Aimed {
+    /// By a chosen chain: of that, too.
+    Known(Shot, f64),
+    Drawn(Drawn, f64),
+}
+
+fn camera_eye(sensor: &Sensor) -> Eye {
+    let (o, w) = sensor.ray(0.5 * sensor.width as f64, 0.5 * sensor.height as f64);
+    match sensor.projection {
+        Projection::Perspective { .. } => Eye::Point(o),
+        Projection::Orthographic => Eye::Parallel(w),
+    }
+}
+
+fn camera_place(sensor: &Sensor) -> Place {
+    Place { on: On::default(), medium: sensor.medium }
+}
+
+/// Random rays of the film.
+fn film_ray(sensor: &Sensor, margin: f64) -> impl Fn(&mut Rng) -> Option<Start> {
+    move |rng| {
+        let at = |u: f64, size: usize| u * (size as f64 + 2.0 * margin) - margin;
+        let (o, w) = sensor.ray(at(rng.uniform(), sensor.width), at(rng.uniform(), sensor.height));
+        Some(Start { o, w })
+    }
+}
+
 /// What either side of an edge sends along a ray, and how the ray tells its place: held at the eye, or by the vertex where it ends.
 struct Jump {
     held: Rgb,
@@ -117,7 +148,7 @@ struct Jump {
 
 impl VirtualEdge {
     /// `None` where no ray turns, or nothing moves.
-    pub fn prepare(scene: &Scene, motion: &Motion) -> Option<VirtualEdge> {
+    pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64) -> Option<VirtualEdge> {
         let interfaces: Vec<u32> = (0..scene.shapes.len() as u32).filter(|&i| is_smooth(scene, i)).collect();
         if interfaces.is_empty() || !motion.surfaces() {
             return None;
@@ -152,6 +183,7 @@ impl VirtualEdge {
             all: with_balls(lengths.clone()),
             smooth: with_balls((0..edges.len()).map(smooth).collect()),
             by_area: Discrete::new(interfaces.iter().map(area)),
+            known: KnownChains::find(scene, &camera_place(sensor), film_ray(sensor, margin)),
             edges,
             balls,
             interfaces,
@@ -284,13 +316,16 @@ impl VirtualEdge {
         };
         let begins = |_: &Context, s: &Shot| Some((v.scatter(scene, s.start.w) * v.weight, film));
         let (u, far) = (rng.uniform(), v.depth + 1);
-        let found = self.through(cx, &eye, &place, start, u, far, rng, random, begins);
+        let aim = |rng: &mut Rng, e: DVec3| {
+            shot::draw(scene, &eye, &place, e, rng, random, &KnownChains::default()).map(|d| Aimed::Drawn(d, 1.0))
+        };
+        let found = self.through(cx, &eye, &place, start, u, far, rng, random, aim, begins);
         if let Some((flux, film, partials)) = found {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
         }
     }
 
-    /// A shot by way of interfaces from an eye; `start`: how its ray along a direction moves, `begins`: how much it counts and where on the film.
+    /// A shot by way of interfaces from an eye, whose rays are drawn by `random`; `start`: how its ray along a direction moves, `aim` finds one to a point, `begins`: how much it counts and where on the film.
     fn through(
         &self,
         cx: &mut Context,
@@ -301,6 +336,7 @@ impl VirtualEdge {
         more: u32,
         rng: &mut Rng,
         random: impl Fn(&mut Rng) -> Option<Start>,
+        aim: impl Fn(&mut Rng, DVec3) -> Option<Aimed>,
         begins: impl Fn(&Context, &Shot) -> Option<(Rgb, [f64; 2])>,
     ) -> Option<(Rgb, [f64; 2], Partials)> {
         let scene = cx.scene;
@@ -310,8 +346,11 @@ impl VirtualEdge {
         let (k, probability, t) = self.by_length.sample(u);
         let e = self.edges.get(scene, k);
         let (b, length) = (e.edge.a.lerp(e.edge.b, t), (e.edge.b - e.edge.a).length());
-        let drawn = shot::draw(scene, eye, place, b, rng, &random)?;
-        let shot = &drawn.shot;
+        let aimed = aim(rng, b)?;
+        let shot = match &aimed {
+            Aimed::Known(shot, _) => shot,
+            Aimed::Drawn(d, _) => &d.shot,
+        };
         let mut ray = start(cx, shot.start.w);
         for met in &shot.chain {
             ray = FilmLine { scene, moving: cx.moving, ray: &ray }.behind(met);
@@ -329,7 +368,11 @@ impl VirtualEdge {
         if jump.is_zero() {
             return None;
         }
-        let Some(trials) = drawn.trials(scene, eye, place, b, rng, &random) else {
+        let trials = match &aimed {
+            Aimed::Known(_, p) => Some(1.0 / p),
+            Aimed::Drawn(d, p) => d.trials(scene, eye, place, b, rng, &random).map(|k| k / p),
+        };
+        let Some(trials) = trials else {
             cx.tally.missed_boundary += 1;
             return None;
         };
@@ -397,27 +440,30 @@ impl Room for VirtualEdge {
         }
     }
 
+    /// Place on the edges, and the known chain.
+    fn guided_numbers(&self) -> usize {
+        2
+    }
+
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
-        let sensor = cx.sensor;
-        let place = Place { on: On::default(), medium: sensor.medium };
-        let (o, w) = sensor.ray(0.5 * sensor.width as f64, 0.5 * sensor.height as f64);
-        let eye = match sensor.projection {
-            Projection::Perspective { .. } => Eye::Point(o),
-            Projection::Orthographic => Eye::Parallel(w),
-        };
-        let margin = cx.margin;
-        let random = |rng: &mut Rng| {
-            let at = |u: f64, size: usize| u * (size as f64 + 2.0 * margin) - margin;
-            let (o, w) = sensor.ray(at(rng.uniform(), sensor.width), at(rng.uniform(), sensor.height));
-            Some(Start { o, w })
-        };
+        let (scene, sensor) = (cx.scene, cx.sensor);
+        let (eye, place) = (camera_eye(sensor), camera_place(sensor));
+        let random = film_ray(sensor, cx.margin);
         let begins = |cx: &Context, s: &Shot| {
             let q = sensor.project(s.start.o + s.start.w)?;
             // Of a unit of solid angle, or of area across parallel rays.
             cx.on_film(q.film).then(|| (Rgb::splat(q.pixels_per_area), q.film))
         };
         let start = |cx: &Context, _: DVec3| cx.moving.film_ray().clone();
-        let found = self.through(cx, &eye, &place, start, lead[0], 0, rng, random, begins);
+        let share = self.known.share;
+        let aim = |rng: &mut Rng, e: DVec3| {
+            if lead[1] < share {
+                let (shot, p) = self.known.shoot(scene, &eye, &place, e, lead[1] / share)?;
+                return Some(Aimed::Known(shot, share * p));
+            }
+            shot::draw(scene, &eye, &place, e, rng, &random, &self.known).map(|d| Aimed::Drawn(d, 1.0 - share))
+        };
+        let found = self.through(cx, &eye, &place, start, lead[0], 0, rng, &random, aim, begins);
         if let Some((flux, film, partials)) = found {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 0.0, outward: 1.0 });
         }

@@ -66,7 +66,8 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
     let aim = beside::follows(w, light, s.left, s.o, s.flight.reach.map(|r| r.0))
         .then(|| Aim::new(light, s.o, Some(id), On::default(), &a, Turn::Phase(id, s.w), s.aside));
     let end = End::of(light, s.o, &a);
-    finish(w, s, &a, end, (&On::default(), s.medium), weight, probability, f, ratio, Some((id, m)), aim);
+    let p_direction = w.scene.critical.density(s.o, s.drawn, a.w, f);
+    finish(w, s, &a, end, (&On::default(), s.medium), weight, probability, p_direction, ratio, Some((id, m)), aim);
 }
 
 /// Next-event estimation from a surface at `s.o`, reflectance already in `s.beta`.
@@ -144,7 +145,11 @@ pub fn equiangular<R: Recorder>(
     let f = medium.phase.eval(m);
     let Some((shadow, tau)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
     // A direction drawn at the end of the flight may meet a lamp as well.
-    let by_direction = if a.pdf > 0.0 { flight_density * f * survival(tau) / a.pdf } else { 0.0 };
+    let by_direction = if a.pdf > 0.0 {
+        flight_density * scene.critical.density(p, s.drawn, a.w, f) * survival(tau) / a.pdf
+    } else {
+        0.0
+    };
     let weight = prefix * transmittance * shadow * (f * a.factor / (equi + flight + centred + by_direction));
     let aim = beside::follows(w, light, s.left, p, reach.map(|r| r.0))
         .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));

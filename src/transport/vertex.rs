@@ -19,6 +19,9 @@ pub enum Vertex<'a> {
 pub struct Facing<'a> {
     pub surface: &'a Surface,
     pub id: u32,
+    pub p: DVec3,
+    /// Directions drawn before it.
+    drawn: u32,
     pub normals: Normals,
     /// Toward where the walk came from.
     pub wi: DVec3,
@@ -35,7 +38,10 @@ impl<'a> Facing<'a> {
         // As for a smooth one: what coincides with a face that is left by a mirrored ray from inside is out of its reach.
         let inside = surface.is_transparent() && s.w.dot(hit.n) > 0.0;
         let near = if inside { On::inside(hit) } else { On::at(hit) };
-        (Facing { surface, id: shape.surface, normals: hit.normals(), wi: -s.w, beyond }, near)
+        (
+            Facing { surface, id: shape.surface, p: hit.p, drawn: s.drawn, normals: hit.normals(), wi: -s.w, beyond },
+            near,
+        )
     }
 
     /// Whether light along `w` leaves on the far side.
@@ -45,7 +51,8 @@ impl<'a> Facing<'a> {
 
     /// Value and density toward `w`.
     pub fn lobe(&self, scene: &Scene, w: DVec3) -> Lobe {
-        self.surface.eval(self.normals, self.wi, w, scene.uniform_share)
+        let lobe = self.surface.eval(self.normals, self.wi, w, scene.uniform_share);
+        Lobe { pdf: scene.critical.density(self.p, self.drawn, w, lobe.pdf), ..lobe }
     }
 
     /// Go on along `w` from here.
@@ -78,7 +85,8 @@ impl Vertex<'_> {
             Vertex::Medium(id) => {
                 let m = one_minus_cos(s.w, w);
                 let f = scene.media[*id as usize].phase.eval(m);
-                Toward { lobe: Lobe { f, tint: Rgb::ONE, pdf: f }, phase: Some((*id, m)) }
+                let pdf = scene.critical.density(s.o, s.drawn, w, f);
+                Toward { lobe: Lobe { f, tint: Rgb::ONE, pdf }, phase: Some((*id, m)) }
             }
             Vertex::Surface(f) => Toward { lobe: f.lobe(scene, w), phase: None },
         }

@@ -15,6 +15,7 @@ use super::{beam, beside, camera_line, connect, light_centred, pane, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
+use crate::phase::one_minus_cos;
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::surface::{Lobe, Surface};
 use std::sync::Arc;
@@ -75,6 +76,8 @@ pub struct State {
     pub direct: bool,
     /// Of these the last ones.
     pub in_a_row: u32,
+    /// Directions drawn since the camera.
+    pub drawn: u32,
     pub rng: Rng,
     /// A stream beside the path's own, for what only derivatives ask for.
     pub aside: Rng,
@@ -121,6 +124,7 @@ impl State {
             lead: None,
             direct: true,
             in_a_row: 0,
+            drawn: 0,
             rng,
             aside: rng,
             steps: 0,
@@ -377,11 +381,21 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
         beside::score(self, s, &Vertex::Medium(id));
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
-        let (w, m) = medium.phase.sample(s.w, u, v);
+        let critical = &self.scene.critical;
+        let (w, m) = match critical.sample(s.o, s.drawn, &mut s.rng) {
+            Some(w) => (w, one_minus_cos(s.w, w)),
+            None => medium.phase.sample(s.w, u, v),
+        };
         if R::ON {
             self.rec.push(Event::Turn { medium: id, one_minus_mu: m });
         }
-        s.pdf_direction = medium.phase.eval(m);
+        let f = medium.phase.eval(m);
+        s.pdf_direction = critical.density(s.o, s.drawn, w, f);
+        if s.pdf_direction != f {
+            s.beta *= f / s.pdf_direction;
+            s.start *= critical.hidden(s.drawn, f, s.pdf_direction);
+        }
+        s.drawn += 1;
         s.w = w;
         s.on = On::default();
         s.stage = Stage::Fly;
@@ -459,19 +473,23 @@ impl<'a, R: Recorder> Walker<'a, R> {
         beside::score(self, s, &vertex);
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let uniform = self.scene.uniform_share;
-        let w = match surface {
-            Surface::Rough(r) => r.sample(facing.normals, wi, u, v, s.rng.uniform()),
-            _ => Some(surface.sample(hit.ns, wi, uniform, u, v)),
+        let critical = &self.scene.critical;
+        let w = match (critical.sample(s.o, s.drawn, &mut s.rng), surface) {
+            (Some(w), _) => Some(w),
+            (None, Surface::Rough(r)) => r.sample(facing.normals, wi, u, v, s.rng.uniform()),
+            (None, _) => Some(surface.sample(hit.ns, wi, uniform, u, v)),
         };
-        let lobe = w.map_or(Lobe::NONE, |w| surface.eval(facing.normals, wi, w, uniform));
+        let lobe = w.map_or(Lobe::NONE, |w| facing.lobe(self.scene, w));
         s.pdf_direction = lobe.pdf;
-        let Some(w) = w.filter(|_| lobe.pdf > 0.0) else {
+        let Some(w) = w.filter(|_| lobe.pdf > 0.0 && lobe.f > 0.0) else {
             s.stage = Stage::Done;
             return;
         };
-        if uniform > 0.0 || matches!(surface, Surface::Rough(_)) {
+        if uniform > 0.0 || self.scene.least_through > 0.0 || matches!(surface, Surface::Rough(_)) {
             s.beta *= lobe.tint * (lobe.f / lobe.pdf);
+            s.start *= critical.hidden(s.drawn, lobe.f, lobe.pdf);
         }
+        s.drawn += 1;
         if R::ON {
             facing.event(w, None).into_iter().for_each(|e| self.rec.push(e));
         }
