@@ -106,7 +106,7 @@ fn sheet_shares_one_range() {
     // The pixel at the middle of the second panel is neutral.
     let canvas = sheet.draw();
     assert_eq!(pixels, canvas.pixels);
-    let cell = (font::text_width("d_light_x.surface_edge") * TEXT).max(256);
+    let cell = (font::text_width("d_light_x.surface_edge") * TEXT).max(CELL);
     assert_eq!(pixels[(GAP + LINE + GAP / 2 + 130) * w + GAP + cell + GAP + 130], WHITE);
 
     assert_eq!(Sheet { panels: sheet.panels[..1].to_vec(), ..Sheet::default() }.shown_range(), None);

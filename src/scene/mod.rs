@@ -5,6 +5,7 @@ pub mod arrays;
 pub mod beams;
 pub mod compile;
 pub mod desc;
+pub mod frame;
 pub mod geometry;
 pub mod lights;
 pub mod matter;
