@@ -264,6 +264,7 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
     }
     Ok(Instance {
         name: s.name.clone(),
+        span: s.span.clone(),
         shape,
         surface: s.surface as u32,
         boundary,
