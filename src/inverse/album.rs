@@ -44,6 +44,8 @@ fn side_by_side(frames: &[Sheet]) -> Sheet {
     Sheet { panels: (0..sensors).flat_map(row).cloned().collect(), columns: frames.len() + 1, ..Sheet::default() }
 }
 
+/// A lamp in sight does not darken the rest.
+const EXPOSURE: Exposure = Exposure::Quantile(0.97);
 /// Samples of a still for one of a frame.
 const STILL: u64 = 8;
 
@@ -60,7 +62,7 @@ pub fn write(
     spp: u64,
 ) -> Result<()> {
     let mut scales: Vec<Option<f64>> =
-        targets.iter().map(|t| t.as_ref().map(|t| exposure_scale(&t.pixels, Exposure::Auto))).collect();
+        targets.iter().map(|t| t.as_ref().map(|t| exposure_scale(&t.pixels, EXPOSURE))).collect();
     let mut frame = |i: usize, spp: u64| -> Result<Sheet> {
         let step = &run.history[i];
         let values: Vec<(&str, f64)> =
@@ -71,7 +73,7 @@ pub fn write(
         for (s, view) in views(&member, fitted).iter().enumerate() {
             let picture = image(&view.picture(&member.scene, spp, stream(run.seed, 9, i as u64))?);
             // One exposure for the whole film.
-            let scale = *scales[s].get_or_insert_with(|| exposure_scale(&picture.pixels, Exposure::Auto));
+            let scale = *scales[s].get_or_insert_with(|| exposure_scale(&picture.pixels, EXPOSURE));
             let name: String = names[s].name.chars().take(12).collect();
             let exposure = Exposure::Scale(scale);
             sheet.panels.push(Panel::picture(format!("{name}, iteration{:>4}", step.iteration), &picture, exposure));

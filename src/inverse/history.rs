@@ -32,7 +32,8 @@ pub fn write_plots(folder: &Path, unknowns: &[Unknown], runs: &[Recovered], trut
         runs.iter().enumerate().map(series).collect()
     };
     let mut loss = Plot::lines("loss", "iteration", "", lines(&|s| s.loss));
-    loss.log_y = true;
+    // Unbiased estimates of a small loss fall below 0, too, and a logarithmic axis would hide them.
+    loss.log_y = runs.iter().flat_map(|r| &r.history).all(|s| s.loss > 0.0);
     let write = |plot: &Plot, name: &str| {
         ["svg", "png"].iter().try_for_each(|kind| plot.write(&folder.join(format!("{name}.{kind}"))))
     };

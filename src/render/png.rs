@@ -17,6 +17,8 @@ pub enum Exposure {
     /// The 99th percentile of luminance becomes 1.
     #[default]
     Auto,
+    /// The same with another quantile, 0 to 1, for pictures with lamps in them.
+    Quantile(f64),
     /// Radiance times this factor.
     Scale(f64),
 }
@@ -50,13 +52,13 @@ pub fn luminance(pixels: &[[f32; 3]]) -> Vec<f32> {
 
 /// The factor that an exposure means for these pixels.
 pub fn exposure_scale(pixels: &[[f32; 3]], exposure: Exposure) -> f64 {
-    match exposure {
-        Exposure::Scale(s) => s,
-        Exposure::Auto => {
-            let y: Vec<f64> = luminance(pixels).into_iter().map(f64::from).collect();
-            1.0 / positive_quantile(&y, 0.99)
-        }
-    }
+    let q = match exposure {
+        Exposure::Scale(s) => return s,
+        Exposure::Auto => 0.99,
+        Exposure::Quantile(q) => q,
+    };
+    let y: Vec<f64> = luminance(pixels).into_iter().map(f64::from).collect();
+    1.0 / positive_quantile(&y, q)
 }
 
 fn srgb(linear: f64) -> u8 {

@@ -42,6 +42,7 @@ fn quantiles_are_the_nearest_rank() {
 fn tone_map_follows_its_rule() {
     let pixels: Vec<[f32; 3]> = (1..=100).map(|i| [i as f32; 3]).collect();
     assert!((exposure_scale(&pixels, Exposure::Auto) - 1.0 / 99.0).abs() < 1e-6);
+    assert!((exposure_scale(&pixels, Exposure::Quantile(0.9)) - 1.0 / 90.0).abs() < 1e-6);
     let mapped = tone_map(&pixels, Exposure::Auto);
     assert_eq!((mapped[98], mapped[99]), ([255; 3], [255; 3]));
     assert!(mapped[97][0] < 255);
