@@ -1,6 +1,6 @@
 # The commands of the README. Each installs what it needs (scripts/setup.sh), then builds and runs.
 
-.PHONY: all setup build demo test lint unit embree4 docs stress bench install clean
+.PHONY: all setup build demo figures test lint unit embree4 docs stress bench install clean
 
 all: build
 
@@ -13,6 +13,10 @@ build: setup
 # Pictures of a VDB scene and of a derivative: EXR, report and PNG in out/.
 demo: setup
 	@scripts/demo.sh
+
+# Figures 1 and 2 of the theory's supplement, in out/figures/; TIME: seconds of each of 3 checks and 8 runs of fits, at most.
+figures: setup
+	@scripts/figures.sh $(TIME)
 
 # The gate: everything that has to hold on every commit.
 test: setup lint unit docs embree4

@@ -72,6 +72,20 @@ impl Error {
         Error::Usage { what: what.into(), remedy: remedy.into() }
     }
 
+    /// The same error, told to belong to something: a frame.
+    pub fn within(self, place: &str) -> Self {
+        let of = |what: String| format!("{place}: {what}");
+        match self {
+            Error::Scene { span, what, remedy } => Error::Scene { span, what: of(what), remedy },
+            Error::Usage { what, remedy } => Error::Usage { what: of(what), remedy },
+            Error::Mismatch { what, remedy } => Error::Mismatch { what: of(what), remedy },
+            Error::Check { what, remedy } => Error::Check { what: of(what), remedy },
+            Error::Io { what, source } => Error::Io { what: of(what), source },
+            Error::Runtime(what) => Error::Runtime(of(what)),
+            Error::Interrupted => Error::Interrupted,
+        }
+    }
+
     pub fn exit_code(&self) -> ExitCode {
         match self {
             Error::Scene { .. } | Error::Usage { .. } => ExitCode::Scene,
@@ -101,6 +115,10 @@ pub enum WarningKind {
     CameraInUnnamedMedium,
     /// A medium's boundary mesh has holes, or is closed only after welding.
     LeakyBoundary,
+    /// A mesh of glass has holes.
+    OpenInterface,
+    /// A number that is allowed, but hardly meant.
+    UnlikelyValue,
     /// A zero-measure light stands in a medium that it does not name.
     LightInUnnamedMedium,
     /// A light without extent whose way through an interface is not followed.

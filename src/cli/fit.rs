@@ -86,7 +86,7 @@ pub struct FitArgs {
     /// Spread of a parameter in that window, as a share of its bounds' extent [default: 0.005]
     #[arg(long, value_name = "SHARE", value_parser = positive)]
     pub tolerance: Option<f64>,
-    /// Frames of the animated picture of every run; 0: none
+    /// Frames of the animated picture of every run (start, middle and end are on a sheet, stills.png); 0: none of either
     #[arg(long, value_name = "N", default_value_t = 32)]
     pub frames: usize,
     /// Go on with the runs whose states are in the folder (fits of voxels, or from several sensors). Only --iterations and
@@ -190,10 +190,11 @@ impl FitArgs {
         }
         if self.frames > 0 {
             for (i, run) in runs.iter().enumerate() {
-                let name = if runs.len() == 1 { "animation.png".into() } else { format!("animation_{}.png", i + 1) };
+                let number = if runs.len() == 1 { String::new() } else { format!("_{}", i + 1) };
+                let [path, still] = ["animation", "stills"].map(|name| folder.join(format!("{name}{number}.png")));
                 let spp = problem.spp.max(16);
                 let (family, view) = (&prepared.family, problem.view);
-                album::write(&folder.join(name), family, problem.unknowns, run, view, &targets, self.frames, spp)?;
+                album::write(&path, &still, family, problem.unknowns, run, view, &targets, self.frames, spp)?;
             }
         }
         if log.json {

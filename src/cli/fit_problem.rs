@@ -58,7 +58,7 @@ impl Given {
                 define.push((name.clone(), format!("{value:?}")));
             }
         }
-        Ok(Given { scene: SceneOptions { scene, define, orders: None }, settings, base })
+        Ok(Given { scene: SceneOptions { scene, define, orders: None, frame: None }, settings, base })
     }
 }
 

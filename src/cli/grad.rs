@@ -2,6 +2,7 @@
 
 use super::files::{self, Outputs};
 use super::format;
+use super::frames::{Frame, FrameOptions};
 use super::log::Log;
 use super::loss::{self, Camera, Loss, LossReport};
 use super::options::{Edges, LogOptions, RenderOptions, SceneOptions, parameters_and_arrays};
@@ -32,7 +33,7 @@ use tyndall::scene::{Scene, arrays};
 /// are written to -o FILE.vdb, one grid an array (its name: the array's), with the transform and the active voxels of the grid they belong to (an active tile is
 /// one value and has one number; voxels of the background have none), and everything else as JSON beside it.
 /// Its standard error is that of the gradient pass, at most: the noise of the picture behind --loss is not in it.
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub struct GradArgs {
     #[command(flatten)]
     scene: SceneOptions,
@@ -70,6 +71,8 @@ pub struct GradArgs {
     #[arg(long)]
     split_terms: bool,
     #[command(flatten)]
+    frames: FrameOptions,
+    #[command(flatten)]
     render: RenderOptions,
     #[command(flatten)]
     pub log: LogOptions,
@@ -77,23 +80,57 @@ pub struct GradArgs {
 
 impl GradArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
+        self.frames.each(log, |frame| self.of_frame(frame), |(args, outputs)| args.one(outputs, log))
+    }
+
+    /// The same command in a frame, and what it writes; all that is known to be wrong before files are read.
+    fn of_frame(&self, frame: Frame) -> Result<(Self, Option<Outputs>)> {
+        let (_, wrt) = self.asked()?;
+        let voxels = wrt.iter().any(|n| arrays::is_voxels(n));
+        let outputs = if !self.is_reverse() {
+            Some(self.render.image_outputs(frame, &self.output, &self.scene.scene, ".grad.exr")?)
+        } else {
+            let name = || files::default_name(&self.scene.scene, &frame.ending(".grad.vdb"));
+            let extension = if voxels { "vdb" } else { "json" };
+            let path = self.output.clone().or_else(|| voxels.then(name));
+            let path = path.map(|p| frame.output("--output", &p)).transpose()?;
+            path.map(|p| Outputs::new(p, extension, None, self.render.overwrite)).transpose()?
+        };
+        let inputs = |option: &str, paths: &[PathBuf]| -> Result<Vec<PathBuf>> {
+            paths.iter().map(|p| frame.input(option, p)).collect()
+        };
+        let (target, adjoint) = (inputs("--target", &self.target)?, inputs("--adjoint", &self.adjoint)?);
+        let scene = self.scene.of_frame(frame, &wrt)?;
+        Ok((GradArgs { scene, target, adjoint, ..self.clone() }, outputs))
+    }
+
+    fn is_reverse(&self) -> bool {
+        self.loss.is_some() || !self.adjoint.is_empty()
+    }
+
+    /// Terms and parameters, of options that go together.
+    fn asked(&self) -> Result<(Terms, Vec<String>)> {
         let terms = Terms::parse(&self.terms)?;
         let wrt = parameters_and_arrays(&self.wrt)?;
         if self.dilate && !wrt.iter().any(|n| arrays::is_voxels(n)) {
             let remedy = "name an array of voxels, such as --wrt ID.sigma_t.grid, or leave it out";
             return Err(Error::usage("`--dilate` is for arrays of voxels, and `--wrt` has none", remedy));
         }
-        if self.loss.is_some() || !self.adjoint.is_empty() {
-            return self.reverse(&wrt, terms, log);
-        }
-        if let Some(name) = wrt.iter().find(|n| arrays::split(n).is_some()) {
+        if let Some(name) = wrt.iter().find(|n| !self.is_reverse() && arrays::split(n).is_some()) {
             return Err(Error::usage(
                 format!("`--wrt {name}`: an array has a gradient, but no derivative images"),
                 "give --loss l2 --target REF.exr, or --adjoint A.exr",
             ));
         }
-        let name = self.output.clone().unwrap_or_else(|| files::default_name(&self.scene.scene, ".grad.exr"));
-        let outputs = Outputs::new(name, "exr", self.render.preview.clone(), self.render.overwrite)?;
+        Ok((terms, wrt))
+    }
+
+    fn one(&self, outputs: Option<Outputs>, log: &Log) -> Result<u8> {
+        let (terms, wrt) = self.asked()?;
+        let outputs = match outputs {
+            Some(o) if !self.is_reverse() => o,
+            outputs => return self.reverse(&wrt, terms, outputs, log),
+        };
         let setup = Setup::new(&self.scene, &self.render, &wrt, log)?;
         let params = setup.scene.param_set(&setup.desc, &wrt)?;
         tell_idle(&params, &wrt, log);
@@ -108,13 +145,8 @@ impl GradArgs {
         )
     }
 
-    fn reverse(&self, wrt: &[String], terms: Terms, log: &Log) -> Result<u8> {
+    fn reverse(&self, wrt: &[String], terms: Terms, outputs: Option<Outputs>, log: &Log) -> Result<u8> {
         let voxels = wrt.iter().any(|n| arrays::is_voxels(n));
-        let name = || files::default_name(&self.scene.scene, ".grad.vdb");
-        let outputs = match self.output.clone().or_else(|| voxels.then(name)) {
-            Some(path) => Some(Outputs::new(path, if voxels { "vdb" } else { "json" }, None, self.render.overwrite)?),
-            None => None,
-        };
         let all = self.render.sensor.as_deref() == Some("all");
         let mut options = self.render.clone();
         options.sensor = options.sensor.filter(|_| !all);

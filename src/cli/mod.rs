@@ -11,6 +11,7 @@ mod fit;
 mod fit_problem;
 mod fit_reverse;
 mod format;
+mod frames;
 mod grad;
 mod info;
 mod log;

@@ -1,12 +1,15 @@
 //! Options that commands share, and how their values are read.
 
+use super::files::{self, Outputs};
+use super::frames::Frame;
 use clap::{Args, ValueEnum};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tyndall::error::{Error, Result};
 pub use tyndall::inverse::duration::duration;
-use tyndall::scene::arrays;
+use tyndall::render::plan::Plan;
 use tyndall::scene::compile::{LoadOptions, Orders};
+use tyndall::scene::{SceneDesc, arrays};
 use tyndall::term::EdgeForm;
 
 /// Log and result format.
@@ -36,9 +39,24 @@ pub struct SceneOptions {
     /// Only light that scattered this often, at surfaces or in media: N, A..B or A.. [default: all]
     #[arg(long, value_name = "ORDERS", value_parser = orders)]
     pub orders: Option<Orders>,
+    /// The frame, of a sequence.
+    #[arg(skip)]
+    pub frame: Option<u32>,
 }
 
 impl SceneOptions {
+    pub fn desc(&self) -> Result<SceneDesc> {
+        SceneDesc::load_frame(&self.scene, &self.define, self.frame)
+    }
+
+    /// The scene in a frame, and the errors that its description has: all that is known before files are read.
+    pub fn of_frame(&self, frame: Frame, wrt: &[String]) -> Result<Self> {
+        let scene = frame.input("SCENE", &self.scene)?;
+        let own = SceneOptions { scene, frame: frame.number, ..self.clone() };
+        Plan::new(&own.desc()?, wrt)?.refuse()?;
+        Ok(own)
+    }
+
     pub fn load(&self, repair_voxels: bool) -> LoadOptions {
         LoadOptions { repair_voxels, orders: self.orders.unwrap_or_default() }
     }
@@ -114,6 +132,15 @@ pub struct StudyOptions {
     /// Replace output files that exist
     #[arg(long)]
     pub overwrite: bool,
+}
+
+impl RenderOptions {
+    /// Where the images of a frame go; `ending`: of the default name.
+    pub fn image_outputs(&self, frame: Frame, output: &Option<PathBuf>, scene: &Path, ending: &str) -> Result<Outputs> {
+        let name = output.clone().unwrap_or_else(|| files::default_name(scene, &frame.ending(ending)));
+        let preview = self.preview.as_ref().map(|p| frame.output("--preview", p)).transpose()?;
+        Outputs::new(frame.output("--output", &name)?, "exr", preview, self.overwrite)
+    }
 }
 
 impl StudyOptions {

@@ -6,7 +6,6 @@ use super::options::{LogOptions, SceneOptions, parameters_and_arrays};
 use clap::Args;
 use tyndall::error::{Error, Result};
 use tyndall::render::plan::Plan;
-use tyndall::scene::SceneDesc;
 
 /// What a scene's derivatives need, what is left out and why; renders nothing
 #[derive(Args)]
@@ -23,7 +22,7 @@ pub struct PlanArgs {
 impl PlanArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
         let wrt = parameters_and_arrays(&self.wrt)?;
-        let desc = SceneDesc::load(&self.scene.scene, &self.scene.define)?;
+        let desc = self.scene.desc()?;
         let plan = Plan::new(&desc, &wrt)?;
         log.warnings(&desc.warnings);
         if log.json {

@@ -1,6 +1,7 @@
 //! `tyndall render`: the picture.
 
 use super::files::{self, Outputs};
+use super::frames::FrameOptions;
 use super::log::Log;
 use super::options::{LogOptions, RenderOptions, SceneOptions};
 use super::preview;
@@ -18,9 +19,11 @@ use tyndall::term::EdgeForm;
 pub struct RenderArgs {
     #[command(flatten)]
     scene: SceneOptions,
-    /// Picture, an .exr; its report is written beside it as .json [default: SCENE's name in the current folder]
+    /// Picture, an .exr; its report is written beside it as .json [default: SCENE's name in the current folder, of frames with _####]
     #[arg(short, long, value_name = "OUT.exr")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    frames: FrameOptions,
     #[command(flatten)]
     render: RenderOptions,
     #[command(flatten)]
@@ -29,10 +32,18 @@ pub struct RenderArgs {
 
 impl RenderArgs {
     pub fn run(&self, log: &Log) -> Result<u8> {
-        let name = self.output.clone().unwrap_or_else(|| files::default_name(&self.scene.scene, ".exr"));
-        let outputs = Outputs::new(name, "exr", self.render.preview.clone(), self.render.overwrite)?;
-        let setup = Setup::new(&self.scene, &self.render, &[], log)?;
-        picture(&setup, Mode::Picture, &[], (Terms::ALL, EdgeForm::Outward, false), &self.render, &outputs, log)
+        self.frames.each(
+            log,
+            |frame| {
+                let outputs = self.render.image_outputs(frame, &self.output, &self.scene.scene, ".exr")?;
+                Ok((self.scene.of_frame(frame, &[])?, outputs))
+            },
+            |(scene, outputs)| {
+                let setup = Setup::new(&scene, &self.render, &[], log)?;
+                let way = (Terms::ALL, EdgeForm::Outward, false);
+                picture(&setup, Mode::Picture, &[], way, &self.render, &outputs, log)
+            },
+        )
     }
 }
 

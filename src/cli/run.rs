@@ -8,6 +8,7 @@ use super::progress::{Display, Goal};
 use super::signal::Stop;
 use serde::Serialize;
 use std::path::Path;
+use std::sync::OnceLock;
 use tyndall::error::{Error, Result, Span, Warning, WarningKind};
 use tyndall::image::exr::Attribute;
 use tyndall::native;
@@ -28,6 +29,8 @@ pub struct Setup {
     pub crop: [usize; 4],
     pub spp: u64,
     pub seed: u64,
+    /// Of a sequence.
+    pub frame: Option<u32>,
     pub stop: Stop,
 }
 
@@ -35,12 +38,10 @@ impl Setup {
     /// All errors of the scene come here, before anything is rendered.
     pub fn new(scene: &SceneOptions, o: &RenderOptions, wrt: &[String], log: &Log) -> Result<Self> {
         let stop = Stop::install()?;
-        if let Some(n) = o.threads {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global();
-            pool.map_err(|e| Error::Runtime(format!("cannot start {n} threads: {e}")))?;
-        }
+        start_threads(o.threads)?;
         let start = std::time::Instant::now();
-        let desc = SceneDesc::load(&scene.scene, &scene.define)?;
+        let frame = scene.frame;
+        let desc = scene.desc()?;
         let parts = Parts::read(&desc, &desc.values::<f64>())?;
         let sensor = find_sensor(o.sensor.as_deref(), &parts)?;
         let plan = Plan::new(&desc, wrt)?;
@@ -73,7 +74,7 @@ impl Setup {
             crop[3] - crop[1],
             format::plural(rayon::current_num_threads(), "thread"),
         ));
-        Ok(Setup { desc, scene, plan, sensor, crop, spp, seed, stop })
+        Ok(Setup { desc, scene, plan, sensor, crop, spp, seed, frame, stop })
     }
 
     pub fn job<'a>(&'a self, mode: Mode<'a>, o: &RenderOptions) -> Job<'a> {
@@ -101,6 +102,14 @@ impl Setup {
     fn pixels(&self) -> usize {
         (self.crop[2] - self.crop[0]) * (self.crop[3] - self.crop[1])
     }
+}
+
+/// So many threads, once: those of the first frame are everyone's.
+fn start_threads(wanted: Option<u16>) -> Result<()> {
+    static STARTED: OnceLock<()> = OnceLock::new();
+    let Some(n) = wanted.filter(|_| STARTED.set(()).is_ok()) else { return Ok(()) };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(n.into()).build_global();
+    pool.map_err(|e| Error::Runtime(format!("cannot start {n} threads: {e}")))
 }
 
 pub fn find_sensor(wanted: Option<&str>, parts: &Parts<f64>) -> Result<usize> {
@@ -169,6 +178,9 @@ fn cpu_seconds() -> Option<f64> {
 pub struct RunReport {
     #[serde(flatten)]
     pub report: Report,
+    /// Of a sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<u32>,
     /// Width and height of the picture, and the part of it that was rendered: x0, y0, x1, y1.
     pub size: [usize; 2],
     pub crop: [usize; 4],
@@ -282,6 +294,7 @@ pub fn report(
     }
     RunReport {
         report: r,
+        frame: s.frame,
         size: s.full_size(),
         crop: s.crop,
         samples,
@@ -362,6 +375,7 @@ pub fn attributes(r: &RunReport) -> Vec<(String, Attribute)> {
     if !wrt.is_empty() {
         v.push(("wrt", text(&wrt.join(","))));
     }
+    v.extend(r.frame.map(|n| ("frame", files::integer(n.into()))));
     v.into_iter().map(|(name, a)| (name.to_string(), a)).collect()
 }
 

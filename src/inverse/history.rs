@@ -22,7 +22,7 @@ pub fn write_csv(path: &Path, unknowns: &[Unknown], runs: &[Recovered]) -> Resul
     output::write_bytes(path, text.as_bytes())
 }
 
-/// `loss.svg`, and `<name>.svg` of every parameter with its true value where that is known.
+/// `loss.svg` and `.png`, and the same of every parameter with its true value where that is known.
 pub fn write_plots(folder: &Path, unknowns: &[Unknown], runs: &[Recovered], truth: &[Option<f64>]) -> Result<()> {
     let lines = |y: &dyn Fn(&super::fit::Step) -> f64| -> Vec<Series> {
         let series = |(i, run): (usize, &Recovered)| Series {
@@ -31,15 +31,19 @@ pub fn write_plots(folder: &Path, unknowns: &[Unknown], runs: &[Recovered], trut
         };
         runs.iter().enumerate().map(series).collect()
     };
-    let mut loss = Plot::lines("loss", "iteration", "loss", lines(&|s| s.loss));
-    loss.log_y = true;
-    loss.write(&folder.join("loss.svg"))?;
+    let mut loss = Plot::lines("loss", "iteration", "", lines(&|s| s.loss));
+    // Unbiased estimates of a small loss fall below 0, too, and a logarithmic axis would hide them.
+    loss.log_y = runs.iter().flat_map(|r| &r.history).all(|s| s.loss > 0.0);
+    let write = |plot: &Plot, name: &str| {
+        ["svg", "png"].iter().try_for_each(|kind| plot.write(&folder.join(format!("{name}.{kind}"))))
+    };
+    write(&loss, "loss")?;
     let last = runs.iter().map(|r| r.iterations.saturating_sub(1)).max().unwrap_or(0) as f64;
     for (k, u) in unknowns.iter().enumerate() {
         let mut series = lines(&|s| s.values[k]);
         series.extend(truth[k].map(|t| Series { name: "truth".into(), points: vec![(0.0, t), (last, t)] }));
-        let plot = Plot::lines(u.name.as_str(), "iteration", u.name.as_str(), series);
-        plot.write(&folder.join(format!("{}.svg", u.name)))?;
+        let plot = Plot::lines(u.name.as_str(), "iteration", "", series);
+        write(&plot, &u.name)?;
     }
     Ok(())
 }

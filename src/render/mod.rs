@@ -1,6 +1,7 @@
 //! Numbers to files: the film and its health, EXR, previews, plots and the report.
 
 pub mod animation;
+mod cause;
 pub mod driver;
 pub mod family;
 pub mod film;
@@ -10,6 +11,7 @@ mod font;
 pub mod gradient;
 pub mod health;
 mod limb;
+pub mod montage;
 mod passes;
 mod pilot;
 pub mod plan;

@@ -2,6 +2,7 @@
 //! The table of [T] section 3 as code, in two steps: facts of the scene and of what moves, then rules. Renders nothing,
 //! loads no grid.
 
+use super::cause::{Cause, cause, is_outlined, is_smooth, nearest_grid, rough, round_outline, zero_measure};
 use crate::error::{Error, Result};
 use crate::math::Dual;
 use crate::params::Quantity;
@@ -101,15 +102,15 @@ impl Term {
 
     /// Whether this program computes it for such a motion.
     pub fn exists(self, m: &Motion) -> bool {
-        let unknown = m.ior || m.interface || m.other_volume;
+        let unknown = m.ior || m.interface || m.other_volume.is_some();
         match self {
-            Term::P => !(m.environment || m.other_volume),
-            Term::M => !m.other_volume,
+            Term::P => m.environment.is_none() && m.other_volume.is_none(),
+            Term::M => m.other_volume.is_none(),
             Term::S => true,
-            Term::H => !m.other_volume,
-            Term::E1 | Term::E2 | Term::E3 | Term::VE => !m.other_volume,
+            Term::H => m.other_volume.is_none(),
+            Term::E1 | Term::E2 | Term::E3 | Term::VE => m.other_volume.is_none(),
             Term::G | Term::R => !unknown,
-            Term::N => !unknown && !m.box_border,
+            Term::N => !unknown && m.box_border.is_none(),
             _ => false,
         }
     }
@@ -157,16 +158,16 @@ pub struct Facts {
 pub struct Motion {
     /// Material values, light values.
     pub values: bool,
-    /// An environment map turns.
-    pub environment: bool,
+    /// An environment map turns: which light it is.
+    pub environment: Option<usize>,
     /// A volume moves by its transform.
     pub volume: bool,
-    /// Of those, one of albedo, or one of emission that ends at a box.
-    pub other_volume: bool,
+    /// Of those, one of albedo, or one of emission that ends at a box: of which medium.
+    pub other_volume: Option<usize>,
     /// The border at which its density jumps moves with it.
     pub border: bool,
-    /// That border is the box of a grid.
-    pub box_border: bool,
+    /// That border is the box of a grid: of which medium.
+    pub box_border: Option<usize>,
     /// Point, spot or directional light.
     pub zero_measure_light: bool,
     /// Of those, one with a position moves its position.
@@ -194,7 +195,7 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
         }
     };
     add(m.values, &[P], "material or light values change");
-    add(m.environment, &[P], "an environment map turns");
+    add(m.environment.is_some(), &[P], "an environment map turns");
     add(m.volume, &[P], "a volume moves: its values change at fixed points");
     add(m.border, &[P, N], "a border at which the density jumps moves");
 
@@ -322,7 +323,17 @@ pub struct Plan {
     pub wrt: Vec<String>,
     pub lines: Vec<PlanLine>,
     #[serde(skip)]
-    missing: Vec<(String, Term, &'static str)>,
+    missing: Vec<Missing>,
+}
+
+/// A term that is needed and does not exist.
+#[derive(Clone, Debug)]
+struct Missing {
+    parameter: String,
+    term: Term,
+    why: &'static str,
+    /// What of the scene asks for it, and what to do.
+    cause: Option<Cause>,
 }
 
 impl Plan {
@@ -343,38 +354,43 @@ impl Plan {
             };
             for (term, why) in needed(&facts, &motion) {
                 if !term.exists(&motion) {
-                    missing.push((name.clone(), term, why));
+                    let cause = cause(&parts, term, &motion);
+                    missing.push(Missing { parameter: name.clone(), term, why, cause });
                 }
                 all.entry(term).or_insert_with(|| format!("{why} ({name})"));
             }
             let matter = motion.opaque || motion.area_light || motion.camera;
             let light = motion.zero_measure_light || motion.profile;
+            let mut miss = |term: Term, why: &'static str, cause: Option<Cause>| {
+                missing.push(Missing { parameter: name.clone(), term, why, cause });
+                all.entry(term).or_insert_with(|| format!("{why} ({name})"));
+            };
             if facts.dielectric && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface)) {
                 let why = "what moves may be seen or lit by way of an interface";
-                missing.push((name.clone(), Term::S, why));
-                all.entry(Term::S).or_insert_with(|| format!("{why} ({name})"));
+                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or take the glass and mirrors out";
+                miss(Term::S, why, zero_measure(&parts).map(|l| Cause::of_light(l, remedy)));
             }
             let turns = motion.ior || motion.interface || motion.beam;
             if facts.round_outline && (matter || turns) {
                 let why = "what is round, and has an outline, may be seen by way of an interface";
-                missing.push((name.clone(), Term::VE, why));
-                all.entry(Term::VE).or_insert_with(|| format!("{why} ({name})"));
+                let remedy = "make it a mesh of flat faces: beside glass and mirrors, outlines have to be straight";
+                miss(Term::VE, why, round_outline(&parts).map(|s| Cause::of_shape(s, remedy)));
             }
             if facts.rough && (matter || light || turns) {
                 let why = "directions turn at a rough surface";
-                missing.push((name.clone(), Term::M, why));
-                all.entry(Term::M).or_insert_with(|| format!("{why} ({name})"));
+                let remedy =
+                    "make it smooth, or ask for what moves nothing: its alpha and index, values of media and lights";
+                miss(Term::M, why, rough(&parts).map(|s| Cause::of_shape(s, remedy)));
             }
-            if (motion.zero_measure_light || motion.profile || matter) && has_nearest_grid(&parts) {
-                let why = "a nearest-neighbour grid jumps at every cell face: use filter_type trilinear";
-                missing.push((name.clone(), Term::N, why));
-                all.entry(Term::N).or_insert_with(|| format!("{why} ({name})"));
+            if let Some(m) = nearest_grid(&parts).filter(|_| light || matter) {
+                let why = "a nearest-neighbour grid jumps at every cell face";
+                miss(Term::N, why, Some(Cause::of_medium(m, "use filter_type trilinear")));
             }
         }
         let lines = Term::ALL
             .iter()
             .map(|&t| {
-                let absent = missing.iter().any(|m| m.1 == t);
+                let absent = missing.iter().any(|m| m.term == t);
                 let (decision, reason) = match all.get(&t) {
                     Some(why) if absent => ("missing", format!("{}: not available yet", why)),
                     Some(why) => ("use", why.clone()),
@@ -387,22 +403,23 @@ impl Plan {
         Ok(Plan { wrt: wrt.to_vec(), lines, missing })
     }
 
-    /// An error that names the parameter and the term where one is missing: never a biased picture.
+    /// An error that names the parameter, the term and the object where one is missing: never a biased picture.
     pub fn refuse(&self) -> Result<()> {
-        let Some((name, term, why)) = self.missing.first() else { return Ok(()) };
-        let rest: Vec<String> = self.missing.iter().map(|m| format!("{} ({})", m.1.room(), m.1.letters())).collect();
-        Err(Error::usage(
-            format!("d/d{name} needs {} ({}), which is not available yet: {why}", term.room(), term.what()),
-            format!(
-                "without it the picture would be biased; missing: {}. `tyndall plan` shows all terms",
-                rest.join(", ")
-            ),
-        ))
+        // Best where there is something to do.
+        let Some(m) = self.missing.iter().find(|m| m.cause.is_some()).or(self.missing.first()) else { return Ok(()) };
+        let rest: Vec<String> =
+            self.missing.iter().map(|m| format!("{} ({})", m.term.room(), m.term.letters())).collect();
+        let (name, term, why) = (&m.parameter, m.term, m.why);
+        let what = format!("d/d{name} needs {} ({}), which is not available yet: {why}", term.room(), term.what());
+        let rest = format!(
+            "without it the picture would be biased; missing: {}. `tyndall plan` shows all terms",
+            rest.join(", ")
+        );
+        Err(match &m.cause {
+            Some(c) => Error::scene(&c.span, format!("{what}: `{}`", c.name), format!("{}; {rest}", c.remedy)),
+            None => Error::usage(what, rest),
+        })
     }
-}
-
-fn has_nearest_grid(p: &Parts<f64>) -> bool {
-    p.media.iter().any(|m| matches!(m.density, VolumePart::Vol { smooth: false, .. }))
 }
 
 /// Whether segments between scattering points may end at the rim of a smooth ball: as `term::virtual_edge` has it.
@@ -427,24 +444,17 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. } | SurfacePart::Rough { .. } => true,
         SurfacePart::Null => false,
     };
-    let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
+    let smooth = |s: usize| is_smooth(p, s);
     let through = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. });
     // The border of an open interface counts as out of sight (`term::interfaces`), that of a mirror does not.
     let edged = |k: &ShapeKind<f64>| !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Rectangle | ShapeKind::Disk);
-    let outlined = |s: usize| opaque(s) && !smooth(s);
+    let outlined = |s: usize| is_outlined(p, s);
     let is_mirror = |s: &ShapePart<f64>| {
         matches!(s.kind, ShapeKind::Rectangle) && matches!(p.surfaces[s.surface], SurfacePart::Conductor { .. })
     };
-    // As `term::interfaces` has it.
-    let is_round = |s: &ShapePart<f64>| match s.kind {
-        ShapeKind::Sphere { .. } | ShapeKind::Disk => outlined(s.surface),
-        ShapeKind::Cylinder { .. } => opaque(s.surface),
-        _ => false,
-    };
     let local = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Point { .. } | LightKindPart::Spot { .. });
-    let distant = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Directional { .. });
     let beam = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Beam { .. });
-    let zero_measure_light = p.lights.iter().any(|l| local(&l.kind) || distant(&l.kind));
+    let zero_measure_light = zero_measure(p).is_some();
     let solid: Vec<_> = p.shapes.iter().filter(|s| opaque(s.surface)).collect();
     Facts {
         medium: !p.media.is_empty(),
@@ -468,8 +478,8 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         rims: rims(p),
         // Whatever there is besides, or behind, may be seen in it.
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
-        round_outline: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(is_round),
-        rough: p.shapes.iter().any(|s| matches!(p.surfaces[s.surface], SurfacePart::Rough { .. })),
+        round_outline: p.shapes.iter().any(|s| smooth(s.surface)) && round_outline(p).is_some(),
+        rough: rough(p).is_some(),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
     }
 }
@@ -529,22 +539,23 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
                 _ => m.zero_measure_light = true,
             },
             Movable::LightProfile(_) => m.profile = true,
-            Movable::Environment(_) => m.environment = true,
+            Movable::Environment(i) => m.environment = Some(i),
             Movable::Density(i) => {
                 m.volume = true;
                 let ends = matches!(p.media[i].density, VolumePart::Vol { .. });
                 m.border |= ends;
-                m.box_border |= ends;
+                m.box_border = Some(i).filter(|_| ends).or(m.box_border);
             }
             Movable::Glow(i) => {
                 m.volume = true;
                 // A field that jumps at its box would sweep it.
                 let emission = p.media[i].emission.as_ref();
-                m.other_volume |= emission.is_some_and(|e| matches!(e.volume, VolumePart::Vol { .. }));
+                let ends = emission.is_some_and(|e| matches!(e.volume, VolumePart::Vol { .. }));
+                m.other_volume = Some(i).filter(|_| ends).or(m.other_volume);
             }
-            Movable::Albedo(_) => {
+            Movable::Albedo(i) => {
                 m.volume = true;
-                m.other_volume = true;
+                m.other_volume = Some(i);
             }
             Movable::Sensor(_) => m.camera = true,
         }

@@ -17,6 +17,8 @@ pub enum Exposure {
     /// The 99th percentile of luminance becomes 1.
     #[default]
     Auto,
+    /// The same with another quantile, 0 to 1, for pictures with lamps in them.
+    Quantile(f64),
     /// Radiance times this factor.
     Scale(f64),
 }
@@ -50,13 +52,13 @@ pub fn luminance(pixels: &[[f32; 3]]) -> Vec<f32> {
 
 /// The factor that an exposure means for these pixels.
 pub fn exposure_scale(pixels: &[[f32; 3]], exposure: Exposure) -> f64 {
-    match exposure {
-        Exposure::Scale(s) => s,
-        Exposure::Auto => {
-            let y: Vec<f64> = luminance(pixels).into_iter().map(f64::from).collect();
-            1.0 / positive_quantile(&y, 0.99)
-        }
-    }
+    let q = match exposure {
+        Exposure::Scale(s) => return s,
+        Exposure::Auto => 0.99,
+        Exposure::Quantile(q) => q,
+    };
+    let y: Vec<f64> = luminance(pixels).into_iter().map(f64::from).collect();
+    1.0 / positive_quantile(&y, q)
 }
 
 fn srgb(linear: f64) -> u8 {
@@ -129,14 +131,14 @@ impl Canvas {
     }
 
     /// One line of text, `scale` pixels a dot.
-    fn text(&mut self, x: usize, y: usize, scale: usize, text: &str) {
+    pub fn text(&mut self, x: usize, y: usize, scale: usize, text: &str) {
         for (dx, dy, length) in font::runs(text) {
             self.fill(x + dx * scale, y + dy * scale, length * scale, scale, BLACK);
         }
     }
 
     /// Nearest-neighbour enlargement by a whole factor.
-    fn blit(&mut self, x: usize, y: usize, factor: usize, width: usize, pixels: &[[u8; 3]]) {
+    pub fn blit(&mut self, x: usize, y: usize, factor: usize, width: usize, pixels: &[[u8; 3]]) {
         for (i, &color) in pixels.iter().enumerate() {
             self.fill(x + i % width * factor, y + i / width * factor, factor, factor, color);
         }
@@ -241,10 +243,12 @@ fn join(sheets: &[Sheet], columns: usize) -> Canvas {
 }
 
 /// Pixels a dot of text, and the space between things.
-const TEXT: usize = 2;
-const LINE: usize = font::GLYPH_HEIGHT * TEXT;
-const GAP: usize = 12;
+pub(super) const TEXT: usize = 2;
+pub(super) const LINE: usize = font::GLYPH_HEIGHT * TEXT;
+pub(super) const GAP: usize = 12;
 const BAR_WIDTH: usize = 24;
+/// A cell is at least so wide, in pixels: panels of small pictures stand one below the other on sheets that are joined.
+const CELL: usize = 288;
 
 impl Sheet {
     /// The range that the colour bar shows; `None` without derivative panels.
@@ -267,13 +271,13 @@ impl Sheet {
         let cells = self.panels.iter().zip(&factors);
         let cell_width = cells.clone().map(|(p, f)| (p.width * f).max(font::text_width(&p.title) * TEXT)).max();
         let cell_height = cells.map(|(p, f)| p.height * f).max();
-        let (cell_width, cell_height) = (cell_width.unwrap_or(0), cell_height.unwrap_or(0));
+        let (cell_width, cell_height) = (cell_width.unwrap_or(0).max(CELL), cell_height.unwrap_or(0));
         let (step_x, step_y) = (cell_width + GAP, LINE + GAP / 2 + cell_height + GAP);
         let panels_width = GAP + columns * step_x;
         let mut bars: Vec<ColorBar> = range.map(|r| ColorBar::new(r, &self.unit)).into_iter().collect();
         let scores = self.panels.iter().find_map(|p| if let Content::Score(_, r) = p.content { Some(r) } else { None });
         bars.extend(scores.map(|r| ColorBar::new(r, "z")));
-        let width = panels_width + bars.iter().map(|b| b.width() + GAP).sum::<usize>();
+        let width = panels_width + bars.iter().map(|b| b.width() + 2 * GAP).sum::<usize>();
         let mut canvas = Canvas::new(width, GAP + rows * step_y);
 
         for (i, (panel, &factor)) in self.panels.iter().zip(&factors).enumerate() {
@@ -289,7 +293,7 @@ impl Sheet {
         for bar in bars {
             let height = (rows * step_y - GAP - LINE - GAP / 2).min(512);
             bar.draw(&mut canvas, x, top, height);
-            x += bar.width() + GAP;
+            x += bar.width() + 2 * GAP;
         }
         canvas
     }

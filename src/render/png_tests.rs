@@ -42,6 +42,7 @@ fn quantiles_are_the_nearest_rank() {
 fn tone_map_follows_its_rule() {
     let pixels: Vec<[f32; 3]> = (1..=100).map(|i| [i as f32; 3]).collect();
     assert!((exposure_scale(&pixels, Exposure::Auto) - 1.0 / 99.0).abs() < 1e-6);
+    assert!((exposure_scale(&pixels, Exposure::Quantile(0.9)) - 1.0 / 90.0).abs() < 1e-6);
     let mapped = tone_map(&pixels, Exposure::Auto);
     assert_eq!((mapped[98], mapped[99]), ([255; 3], [255; 3]));
     assert!(mapped[97][0] < 255);
@@ -106,7 +107,7 @@ fn sheet_shares_one_range() {
     // The pixel at the middle of the second panel is neutral.
     let canvas = sheet.draw();
     assert_eq!(pixels, canvas.pixels);
-    let cell = (font::text_width("d_light_x.surface_edge") * TEXT).max(256);
+    let cell = (font::text_width("d_light_x.surface_edge") * TEXT).max(CELL);
     assert_eq!(pixels[(GAP + LINE + GAP / 2 + 130) * w + GAP + cell + GAP + 130], WHITE);
 
     assert_eq!(Sheet { panels: sheet.panels[..1].to_vec(), ..Sheet::default() }.shown_range(), None);

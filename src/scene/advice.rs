@@ -1,7 +1,7 @@
 //! Warnings that need the whole scene: cameras and lights in media that they do not name.
 
 use super::beams::is_flat;
-use super::parts::Parts;
+use super::parts::{Parts, SurfacePart};
 use super::{On, Scene};
 use crate::error::{Span, Warning, WarningKind};
 use crate::light::LightKind;
@@ -34,6 +34,19 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
                 &part.span,
                 format!("light `{}` stands inside medium `{name}` but does not name it", l.name),
                 format!("nothing changes here (shadow rays know their medium), but other renderers want <ref id=\"{name}\"/>"),
+            ));
+        }
+    }
+    for s in &parts.shapes {
+        let SurfacePart::Rough { alpha, .. } = &parts.surfaces[s.surface] else { continue };
+        if *alpha > 1.0 {
+            let bsdf = &parts.surface_names[s.surface];
+            found.push(warning(
+                WarningKind::UnlikelyValue,
+                &s.span,
+                format!("shape `{}`: the bsdf `{bsdf}` has an alpha of {alpha}, rougher than anything that is usual", s.name),
+                "use an alpha of 1 or less: light that goes from facet to facet is left out, so rougher surfaces are too dark"
+                    .into(),
             ));
         }
     }

@@ -1,7 +1,7 @@
 //! Arrays of numbers as parameters, named `object.array`: `bunny.vertices`, `smoke.sigma_t.grid`. A scene has slots for them once [`Scene::open`] was asked for it.
 
 use super::compile::UNIFORM_SHARE;
-use super::desc::suggest;
+use super::desc::{nearest, suggest};
 use super::parts::{Parts, ShapeKind, SurfacePart};
 use super::{Scene, SceneDesc};
 use crate::error::{Error, Result};
@@ -46,16 +46,40 @@ pub fn is_voxels(name: &str) -> bool {
     split(name).is_some_and(|(_, array)| voxels(array).is_some())
 }
 
+/// Names of all arrays of a scene that can be parameters, as far as its description tells.
+pub fn names(parts: &Parts<f64>) -> Vec<String> {
+    let vertices = parts.shapes.iter().map(|s| format!("{}.{VERTICES}", s.name));
+    let voxels = parts.media.iter().flat_map(|m| VOXELS.iter().map(move |v| format!("{}.{}", m.name, v.0)));
+    vertices.chain(voxels).filter(|n| target(parts, n).is_ok()).collect()
+}
+
+/// What a misspelt name may mean: the ending that exists and is nearest to its own.
+fn nearest_name(name: &str) -> Option<String> {
+    let endings = || VOXELS.iter().map(|v| v.0).chain([VERTICES]);
+    // The last part of the name, or the last two: endings have one dot or none.
+    let own = name.rmatch_indices('.').take(2).map(|(at, _)| (&name[..at], &name[at + 1..]));
+    let found = own.filter_map(|(object, own)| {
+        let alike = endings().filter(|e| e.matches('.').count() == own.matches('.').count());
+        Some(format!("{object}.{}", nearest(own, alike)?))
+    });
+    found.last()
+}
+
 /// An error for an array that cannot be a parameter, whatever the scene is.
 pub fn known(name: &str) -> Result<()> {
     match split(name) {
         None => Ok(()),
         Some((_, array)) if array == VERTICES || voxels(array).is_some() => Ok(()),
-        Some((object, array)) => Err(Error::usage(
-            format!("`--wrt {name}`: derivatives by `{array}` of `{object}` are not available yet"),
-            "give a `$parameter` of the scene (`tyndall info SCENE` lists them), ID.vertices, ID being the id of an obj or ply shape, or \
-             ID.sigma_t.grid, ID.albedo.grid, ID.emission.grid, ID.temperature.grid, ID being the id of a medium with such a grid",
-        )),
+        Some((object, array)) => {
+            let meant = nearest_name(name).map_or(String::new(), |n| format!("did you mean `{n}`? Otherwise "));
+            Err(Error::usage(
+                format!("`--wrt {name}`: derivatives by `{array}` of `{object}` are not available yet"),
+                format!(
+                    "{meant}give a `$parameter` of the scene (`tyndall info SCENE` lists them), ID.vertices, ID being the id of an obj or ply shape, or \
+                     ID.sigma_t.grid, ID.albedo.grid, ID.emission.grid, ID.temperature.grid, ID being the id of a medium with such a grid"
+                ),
+            ))
+        }
     }
 }
 
@@ -148,20 +172,31 @@ impl Scene {
         Ok(())
     }
 
+    /// Rows (vertices, active voxels) and columns (coordinates, channels) of an array, whether it is open or not.
+    pub fn array_shape(&self, target: Target) -> Vec<usize> {
+        let shape = match target {
+            Target::Vertices(index) => match &self.shapes[index].shape {
+                Shape::Mesh(m) => Some([m.vertices.len(), 3]),
+                _ => None,
+            },
+            Target::Voxels(index, quantity) => {
+                self.media[index].grid_of(quantity).map(|(g, _)| [g.active_count(), g.channels()])
+            }
+        };
+        shape.map_or(Vec::new(), Vec::from)
+    }
+
     /// The array of this name, of a scene where it is open.
     pub(super) fn array(&self, desc: &SceneDesc, name: &str) -> Result<Array> {
-        let (first, shape) = match target(&Parts::read(desc, &desc.values::<f64>())?, name)? {
-            Target::Vertices(index) => match &self.shapes[index].shape {
-                Shape::Mesh(m) => (self.shapes[index].vertices, vec![m.vertices.len(), 3]),
-                _ => (None, Vec::new()),
-            },
-            Target::Voxels(index, quantity) => match self.media[index].grid_of(quantity) {
-                Some((g, first)) => (Some(first).filter(|&f| f != NO_SLOT), vec![g.active_count(), g.channels()]),
-                None => (None, Vec::new()),
-            },
+        let target = target(&Parts::read(desc, &desc.values::<f64>())?, name)?;
+        let first = match target {
+            Target::Vertices(index) => self.shapes[index].vertices,
+            Target::Voxels(index, quantity) => {
+                self.media[index].grid_of(quantity).map(|(_, first)| first).filter(|&f| f != NO_SLOT)
+            }
         };
         match first {
-            Some(first) => Ok(Array { name: name.into(), first, shape }),
+            Some(first) => Ok(Array { name: name.into(), first, shape: self.array_shape(target) }),
             None => Err(Error::usage(
                 format!("`--wrt {name}`: an array has a gradient, but no derivative images"),
                 "give --loss l2 --target REF.exr, or --adjoint A.exr",

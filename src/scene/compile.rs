@@ -255,12 +255,19 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
                 warn(WarningKind::LeakyBoundary, leak, hint);
             }
         }
+        if parts.surfaces[s.surface].is_glass() && !m.topology().is_closed() {
+            let what = format!("it refracts, but has {} open edges after welding", m.topology().boundary_edges);
+            let hint = "close the mesh: rays that pass a hole leave or enter the glass unseen, and its index stays behind. One that is meant to bound a \
+                        half-space, as a rectangle does, has to reach past everything that is seen";
+            warn(WarningKind::OpenInterface, what, hint);
+        }
         if let Some(defect) = m.topology().defects() {
             warn(WarningKind::DegenerateMesh, defect, "such faces and edges are rendered as they are");
         }
     }
     Ok(Instance {
         name: s.name.clone(),
+        span: s.span.clone(),
         shape,
         surface: s.surface as u32,
         boundary,

@@ -18,7 +18,7 @@ pub struct SceneDesc {
     /// The `<scene>` element.
     pub root: Node,
     pub warnings: Vec<Warning>,
-    /// FNV-1a of the text, the included texts and the overrides: equal on every machine.
+    /// FNV-1a of the text, the included texts, the overrides and the frame: equal on every machine.
     pub hash: u64,
 }
 
@@ -59,12 +59,17 @@ pub struct Env<R> {
 impl SceneDesc {
     /// Read a scene file.
     pub fn load(path: &Path, overrides: &[(String, String)]) -> Result<Self> {
-        super::xml::load(path, overrides)
+        super::xml::load(path, overrides, None)
+    }
+
+    /// The same in a frame of a sequence: its number stands in the names of files where there is a place for it ([`super::frame`]).
+    pub fn load_frame(path: &Path, overrides: &[(String, String)], frame: Option<u32>) -> Result<Self> {
+        super::xml::load(path, overrides, frame)
     }
 
     /// Read a scene from text; `path` names it in messages and is where relative file names start.
     pub fn parse(text: &str, path: &Path, overrides: &[(String, String)]) -> Result<Self> {
-        super::xml::parse(text, path, overrides)
+        super::xml::parse(text, path, overrides, None)
     }
 
     /// All parameters as constants.

@@ -6,6 +6,7 @@ pub mod beams;
 pub mod compile;
 pub mod critical;
 pub mod desc;
+pub mod frame;
 pub mod geometry;
 pub mod lights;
 pub mod matter;
@@ -29,7 +30,7 @@ pub use geometry::{Hit, On};
 pub use node::Node;
 pub use transform::Mat4;
 
-use crate::error::Warning;
+use crate::error::{Span, Warning};
 use crate::light::Light;
 use crate::math::DVec3;
 use crate::math::discrete::Discrete;
@@ -43,6 +44,8 @@ use geometry::Group;
 /// A shape with what it does to light.
 pub struct Instance {
     pub name: String,
+    /// Where the scene's file describes it.
+    pub span: Span,
     pub shape: Shape,
     pub surface: u32,
     /// Whether it separates media; then `interior` and `exterior` are those behind and before its front side.

@@ -116,6 +116,11 @@ impl<R> SurfacePart<R> {
             _ => false,
         }
     }
+
+    /// Whether light is refracted, smoothly or not.
+    pub fn is_glass(&self) -> bool {
+        self.is_transparent() && !matches!(self, SurfacePart::Null)
+    }
 }
 
 pub enum VolumePart<R> {

@@ -23,6 +23,12 @@ const PHASES: [&str; 2] = ["isotropic", "hg"];
 const BK7: f64 = 1.5046;
 const AIR: f64 = 1.000_277;
 
+/// Indices of refraction that are taken for meant.
+const LEAST_INDEX: f64 = 0.1;
+const MOST_INDEX: f64 = 10.0;
+/// The same for metals, whose k is large in the infrared.
+const MOST_METAL: f64 = 1000.0;
+
 /// Below this microfacets differ from a smooth surface by less than a milliradian's tenth.
 const LEAST_ALPHA: f64 = 1e-4;
 
@@ -202,8 +208,12 @@ impl<R: Real> Reader<'_, R> {
         }
         let ior: R = n.float(self.env, name, default)?;
         let value = ior.value();
-        let text = format!("{name} is {value}");
-        require(n, name, value > 0.0 && value.is_finite(), text, "an index of refraction is above 0")?;
+        let text = format!("{name} is {value:?}");
+        let ok = (LEAST_INDEX..=MOST_INDEX).contains(&value);
+        let remedy = format!(
+            "no material has an index of refraction outside {LEAST_INDEX} to {MOST_INDEX}: air has 1, water 1.33, diamond 2.4"
+        );
+        require(n, name, ok, text, &remedy)?;
         Ok(ior)
     }
 
@@ -241,8 +251,11 @@ impl<R: Real> Reader<'_, R> {
         // An index of 0: a mirror.
         let (eta, k): ([R; 3], [R; 3]) = (n.rgb(self.env, "eta", 0.0)?, n.rgb(self.env, "k", 1.0)?);
         for (name, x) in [("eta", &eta), ("k", &k)] {
-            let ok = x.iter().all(|x| x.value() >= 0.0 && x.value().is_finite());
-            require(n, name, ok, format!("{name} is {:?}", x.map(R::value)), "an index is not negative")?;
+            let ok = x.iter().all(|x| (0.0..=MOST_METAL).contains(&x.value()));
+            let remedy = format!(
+                "the index of a metal lies between 0 and {MOST_METAL}: gold has an eta of 0.1 to 1.5, a k of 2 to 4"
+            );
+            require(n, name, ok, format!("{name} is {:?}", x.map(R::value)), &remedy)?;
         }
         Ok(SurfacePart::Conductor { eta, k, two_sided })
     }

@@ -63,10 +63,8 @@ pub(super) fn read(params: &mut Params, source: &Source, e: Element, name: &str)
             "false" => Ok(Value::Bool(false)),
             other => flaw(format!("`{other}` is not a boolean"), "write `true` or `false`"),
         },
-        _ => {
-            let place = if name.contains("file") { "a file name" } else { "a string" };
-            Ok(Value::Text(params.text(&attr, &format!("{place} (`{name}`)"))?))
-        }
+        _ if name == "filename" => Ok(Value::Text(params.file_name(&attr, "a file name (`filename`)")?)),
+        _ => Ok(Value::Text(params.text(&attr, &format!("a string (`{name}`)"))?)),
     }
 }
 

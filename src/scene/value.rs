@@ -1,6 +1,7 @@
 //! Values as they stand in the file: numbers that may be `$parameters`, and the table of parameters.
 
 use super::desc::{DiffHint, Param, suggest};
+use super::frame;
 use super::source::Attr;
 use super::transform::Op;
 use crate::error::{Error, Result, Span};
@@ -96,11 +97,13 @@ pub(super) struct Params {
     overrides: HashMap<String, String>,
     /// Every name that some `<default>` gives, even further down.
     pub later: HashMap<String, Span>,
+    /// The frame that names of files are of.
+    frame: Option<u32>,
 }
 
 impl Params {
-    pub fn new(overrides: &[(String, String)]) -> Result<Self> {
-        let mut params = Params::default();
+    pub fn new(overrides: &[(String, String)], frame: Option<u32>) -> Result<Self> {
+        let mut params = Params { frame, ..Params::default() };
         for (name, text) in overrides {
             if !is_name(name) {
                 let what = format!("`-D {name}={text}`: `{name}` is not a parameter name");
@@ -188,6 +191,20 @@ impl Params {
             rest = &tail[end..];
         }
         Ok(out + rest)
+    }
+
+    /// The name of a file, with the frame's number in place of patterns.
+    pub fn file_name(&mut self, attr: &Attr, place: &str) -> Result<String> {
+        let text = self.text(attr, place)?;
+        match self.frame {
+            Some(frame) => Ok(frame::numbered(&text, frame).unwrap_or(text)),
+            None if frame::has_pattern(&text) => Err(Error::scene(
+                &attr.span(),
+                format!("`{text}` has a place for a frame's number, and there is no frame"),
+                "give --frames to `render` or `grad`; for other commands write the number here, or a `$parameter` in place of the name",
+            )),
+            None => Ok(text),
+        }
     }
 
     /// All numbers of an attribute; colours may be `#rrggbb`.

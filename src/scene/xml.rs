@@ -33,17 +33,17 @@ const OTHERS: [&str; 6] = ["default", "path", "alias", "include", "ref", "transf
 pub(super) const DEEPEST: usize = 64;
 const DEEPEST_INCLUDE: usize = 16;
 
-pub(super) fn load(path: &Path, overrides: &[(String, String)]) -> Result<SceneDesc> {
+pub(super) fn load(path: &Path, overrides: &[(String, String)], frame: Option<u32>) -> Result<SceneDesc> {
     let bytes = std::fs::read(path).map_err(|e| {
         let what = format!("cannot read the scene `{}`: {e}", path.display());
         Error::usage(what, "give the path of a scene's .xml file")
     })?;
-    parse(&decode(path, bytes)?, path, overrides)
+    parse(&decode(path, bytes)?, path, overrides, frame)
 }
 
-pub(super) fn parse(text: &str, path: &Path, overrides: &[(String, String)]) -> Result<SceneDesc> {
+pub(super) fn parse(text: &str, path: &Path, overrides: &[(String, String)], frame: Option<u32>) -> Result<SceneDesc> {
     let mut reader = Reader {
-        params: Params::new(overrides)?,
+        params: Params::new(overrides, frame)?,
         ids: HashMap::new(),
         nodes: HashMap::new(),
         aliases: Vec::new(),
@@ -82,6 +82,9 @@ pub(super) fn parse(text: &str, path: &Path, overrides: &[(String, String)]) -> 
     for (name, text) in given {
         reader.hash.add(name);
         reader.hash.add(text);
+    }
+    if let Some(frame) = frame {
+        reader.hash.add(&format!("frame {frame}"));
     }
     Ok(SceneDesc { path: path.to_owned(), params: reader.params.list, root, warnings, hash: reader.hash.0 })
 }
@@ -378,7 +381,7 @@ mod tests {
             <include filename=\"lib/extra.xml\"/><include filename=\"lib/bsdf.xml\"/>
             <shape type=\"cube\"><ref name=\"coat\" id=\"wood\"/></shape></scene>";
         let main = write(at, "main.xml", text);
-        let desc = load(&main, &[]).unwrap();
+        let desc = load(&main, &[], None).unwrap();
         let env: Env<f64> = desc.values();
         let shapes: Vec<&Node> = desc.root.children("shape").collect();
         assert_eq!(shapes[0].span, Span { file: extra.clone(), line: 2, column: 1 });
@@ -394,12 +397,12 @@ mod tests {
         // A change of an included file changes the hash.
         let text = std::fs::read_to_string(&extra).unwrap();
         std::fs::write(&extra, text + "\n").unwrap();
-        assert_ne!(load(&main, &[]).unwrap().hash, desc.hash);
+        assert_ne!(load(&main, &[], None).unwrap().hash, desc.hash);
     }
 
     #[test]
     fn a_missing_scene_is_a_usage_error() {
-        let e = load(Path::new("no/such/scene.xml"), &[]).unwrap_err();
+        let e = load(Path::new("no/such/scene.xml"), &[], None).unwrap_err();
         assert!(matches!(e, Error::Usage { .. }), "{e}");
     }
 
@@ -408,7 +411,7 @@ mod tests {
         let text =
             "<scene version=\"3.0.0\"><bsdf type=\"diffuse\" id=\"a\">\n<float name=\"refl\" value=\"1\"/></bsdf>
             <shape type=\"cube\"><ref id=\"a\"/></shape></scene>";
-        let desc = parse(text, Path::new("t.xml"), &[]).unwrap();
+        let desc = parse(text, Path::new("t.xml"), &[], None).unwrap();
         assert!(desc.finish().unwrap_err().to_string().contains("takes no nested <shape"));
         let shape = desc.root.children("shape").next().unwrap();
         assert!(desc.finish().unwrap_err().to_string().contains("takes no nested <bsdf"));

@@ -30,7 +30,8 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         let what = format!(
             "`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet"
         );
-        return Err(Error::usage(what, "differentiate with respect to something else, or take the interface out"));
+        let remedy = "differentiate with respect to something else, or take the interface out";
+        return Err(Error::scene(&interface.span, what, remedy));
     }
     // An index that changes moves what is behind it.
     if !motion.surfaces() {
@@ -44,7 +45,8 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
             "`{}` mirrors or refracts and has a round rim: what moves beside it cannot be differentiated yet, nor its index",
             s.name
         );
-        return Err(Error::usage(
+        return Err(Error::scene(
+            &s.span,
             what,
             "interfaces may be spheres, rectangles, cubes and meshes here, and disks of glass",
         ));
@@ -55,21 +57,22 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
             s.name,
             s.shape.face_count()
         );
-        return Err(Error::usage(what, format!("use a mesh of at most {FACETS} faces, or a sphere")));
+        return Err(Error::scene(&s.span, what, format!("use a mesh of at most {FACETS} faces, or a sphere")));
     }
     if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| s.light.is_some()) {
         let what = format!(
             "`{}` mirrors or refracts, and is a lamp: what moves beside it cannot be differentiated yet",
             s.name
         );
-        return Err(Error::usage(what, "give the lamp a diffuse bsdf"));
+        return Err(Error::scene(&s.span, what, "give the lamp a diffuse bsdf"));
     }
     if let Some(s) = scene.shapes.iter().find(|s| is_outlined(scene, s) && !has_straight_edges(s)) {
         let what = format!(
             "`{name}` mirrors or refracts: how the outline of `{}` moves, seen by way of it, cannot be told yet",
             s.name
         );
-        return Err(Error::usage(
+        return Err(Error::scene(
+            &s.span,
             what,
             "only what has straight edges may stand beside interfaces: rectangles, cubes, meshes",
         ));
@@ -91,7 +94,8 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
             "`{name}` mirrors or refracts, and something moves: the shadows of the light `{}` at it cannot be differentiated yet",
             l.name
         );
-        return Err(Error::usage(what, "light such a scene by an environment or by media that emit"));
+        let remedy = "light such a scene by an area light that is a rectangle, by an environment, a collimated beam or by media that emit";
+        return Err(Error::scene(&interface.span, what, remedy));
     }
     Ok(())
 }
@@ -118,7 +122,7 @@ fn touching(scene: &Scene) -> Result<()> {
                 "`{}` and `{}` mirror or refract and may meet: rays part there, which cannot be differentiated yet",
                 a.name, b.name
             );
-            return Err(Error::usage(what, "keep them apart"));
+            return Err(Error::scene(&b.span, what, "keep them apart: leave a small gap"));
         }
     }
     Ok(())
@@ -149,12 +153,13 @@ fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
     };
     let Some((a, b)) = (0..edges.len()).into_par_iter().find_map_first(touched) else { return Ok(()) };
     let name = |k: u32| &scene.shapes[k as usize].name;
+    let span = &scene.shapes[a as usize].span;
     let what = format!(
         "`{}` touches `{}`, one of which mirrors or refracts: what jumps where they touch cannot be told yet",
         name(a),
         name(b)
     );
-    Err(Error::usage(what, "leave a small gap between them"))
+    Err(Error::scene(span, what, "leave a small gap between them"))
 }
 
 /// Light that a ball mirrors straight on at its rim has scattered once more than what passes beside it: it jumps where that counts.
@@ -181,7 +186,8 @@ fn rims_of_balls(scene: &Scene, motion: &Motion) -> Result<()> {
                 "at the rim of `{}` light counts one scattering more than beside it, and some numbers of scatterings are left out: how the rim moves cannot be told yet",
                 s.name
             );
-            return Err(Error::usage(
+            return Err(Error::scene(
+                &s.span,
                 what,
                 "leave out --orders and hide_emitters; beside fog and surfaces, set max_depth to -1",
             ));
@@ -200,7 +206,7 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
             "`{}` may stand in the beam `{}`: how its shadow there moves cannot be told yet",
             s.name, beam.name
         );
-        return Err(Error::usage(what, "take it out, or use a directional light"));
+        return Err(Error::scene(&s.span, what, "take it out, or use a directional light"));
     }
     for (i, l) in scene.lights.iter().enumerate() {
         let LightKind::Beam { position, direction, .. } = l.kind else { continue };

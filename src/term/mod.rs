@@ -189,8 +189,10 @@ impl Motion {
             };
             if let Some(&(a, b)) = self.crossed.iter().find(concerned) {
                 let name = |k: u32| &scene.shapes[k as usize].name;
+                let span = &scene.shapes[a as usize].span;
                 if a == b {
-                    return Err(Error::usage(
+                    return Err(Error::scene(
+                        span,
                         format!(
                             "the mesh `{}` passes through itself: how the curve where it does moves cannot be told yet",
                             name(a)
@@ -198,7 +200,8 @@ impl Motion {
                         "cut the mesh along that curve",
                     ));
                 }
-                return Err(Error::usage(
+                return Err(Error::scene(
+                    span,
                     format!(
                         "the shapes `{}` and `{}` pass through each other: how the curve where they meet moves cannot be told yet",
                         name(a),
@@ -212,8 +215,9 @@ impl Motion {
             follows::check(scene)?;
             if let Some((a, b)) = contact::find(scene, self, params) {
                 let name = |k: u32| &scene.shapes[k as usize].name;
-                let (a, b) = (name(a), name(b));
-                return Err(Error::usage(
+                let (span, a, b) = (&scene.shapes[a as usize].span, name(a), name(b));
+                return Err(Error::scene(
+                    span,
                     format!(
                         "`{a}` stands on `{b}`, and one moves off or into the other: what opens between them has no derivative"
                     ),
@@ -226,7 +230,8 @@ impl Motion {
             reflects && !s.face_normals && matches!(&s.shape, Shape::Mesh(m) if m.normals.is_some())
         });
         if let Some(s) = smooth.filter(|_| self.surfaces()) {
-            return Err(Error::usage(
+            return Err(Error::scene(
+                &s.span,
                 format!(
                     "the mesh `{}` is shaded by vertex normals: what moves beside it cannot be differentiated yet",
                     s.name

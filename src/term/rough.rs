@@ -23,7 +23,7 @@ pub fn check(scene: &Scene, motion: &Motion, params: &ParamSet) -> Result<()> {
             "the rough interface `{}` has one index on both sides: nothing turns there, and how that changes with the index cannot be told yet",
             s.name
         );
-        return Err(Error::usage(what, "begin at another index, or use a smooth dielectric"));
+        return Err(Error::scene(&s.span, what, "begin at another index, or use a smooth dielectric"));
     }
     let rough: Option<&Instance> = shape(&|s| matches!(scene.surfaces[s], Surface::Rough(_)));
     let lights = scene.lights.iter().any(|l| l.place.moves(params));
@@ -32,7 +32,7 @@ pub fn check(scene: &Scene, motion: &Motion, params: &ParamSet) -> Result<()> {
             "`{}` is rough, and something moves: how light turns at it then cannot be differentiated yet, only its alpha and index, and values of media and lights",
             s.name
         );
-        return Err(Error::usage(what, "make it smooth, or differentiate with respect to something else"));
+        return Err(Error::scene(&s.span, what, "make it smooth, or differentiate with respect to something else"));
     }
     Ok(())
 }

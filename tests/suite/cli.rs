@@ -501,6 +501,8 @@ fn info_knows_every_kind_of_file() {
     assert!(scene["parameters"][6]["refused"].is_null());
     assert!(scene["parameters"][4]["acts_on"][0].as_str().unwrap().starts_with("an integer (`max_depth`)"));
 
+    assert_eq!(scene["arrays"], serde_json::json!([]));
+
     let vdb = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/fire/blender_fire_0032.vdb");
     let grids = b.expect(0, &format!("info {} --json", vdb.display())).json();
     let density = grids["grids"].as_array().unwrap().iter().find(|g| g["name"] == "density").unwrap();
@@ -569,4 +571,125 @@ fn broken_voxels_are_refused_or_repaired() {
     let told = report["warnings"].as_array().unwrap();
     let repaired = told.iter().find(|w| w["kind"] == "repaired_voxels").unwrap();
     assert!(repaired["what"].as_str().unwrap().contains("1 NaN"), "{report}");
+}
+
+/// A scene with a mesh for each frame, and those of the frames 3 and 4.
+fn sequence() -> Bench {
+    let b = Bench::new();
+    let mesh = |x: f64| format!("v {x} -1 4\nv {x} 1 4\nv 2 0 4\nf 1 2 3\n");
+    for (frame, x) in [(3, -1.0), (4, 0.0)] {
+        fs::write(b.path(&format!("flag_{frame:03}.obj")), mesh(x)).unwrap();
+    }
+    let flag = r#"<shape type="obj" id="flag"><string name="filename" value="flag_###.obj"/></shape></scene>"#;
+    fs::write(b.path("flag.xml"), SCENE.replace("</scene>", flag)).unwrap();
+    b
+}
+
+#[test]
+fn a_sequence_is_a_run_a_frame() {
+    let b = sequence();
+    b.expect(0, "render flag.xml --frames 3-4 --spp 4 -t 1 -o a_####.exr --preview {frame:02}.png");
+    for file in ["a_0003.exr", "a_0004.exr", "a_0003.json", "a_0004.json", "03.png", "04.png"] {
+        assert!(b.path(file).is_file(), "{file}");
+    }
+    let (three, four) = (b.exr("a_0003.exr"), b.exr("a_0004.exr"));
+    assert_ne!(three.channel("R"), four.channel("R"));
+    assert_eq!(four.attribute("frame").unwrap().as_integer(), Some(4));
+    let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(b.path("a_0004.json")).unwrap()).unwrap();
+    assert_eq!(report["frame"], 4);
+    // The same as the frame by itself.
+    fs::write(b.path("four.xml"), fs::read_to_string(b.path("flag.xml")).unwrap().replace("###", "004")).unwrap();
+    b.expect(0, "render four.xml --spp 4 -o four.exr");
+    same_bits(&four, &b.exr("four.exr"), &["R", "G", "B"]);
+    assert!(b.exr("four.exr").attribute("frame").is_none());
+    // Derivatives, in another order; default names have the number.
+    b.expect(0, "grad flag.xml --wrt albedo --frames 4,3 --spp 4");
+    assert!(b.path("flag_0003.grad.exr").is_file() && b.path("flag_0004.grad.exr").is_file());
+    let r =
+        b.expect(0, "grad flag.xml --wrt albedo --loss l2 --target a_####.exr --frames 3-4 --spp 4 -o g_{frame}.json");
+    assert!(b.path("g_3.json").is_file() && b.path("g_4.json").is_file(), "{}", r.stdout);
+}
+
+#[test]
+fn sequences_are_refused_as_a_whole() {
+    let b = sequence();
+    let refused = |code: i32, line: &str, parts: &[&str]| {
+        let before = b.files();
+        let r = b.expect(code, line);
+        assert!(parts.iter().chain(&["help:"]).all(|p| r.stderr.contains(p)), "`{line}`: {}", r.stderr);
+        assert_eq!(b.files(), before, "`{line}`");
+    };
+    refused(
+        2,
+        "render flag.xml --frames 3-4 -o a.exr",
+        &["`--output a.exr` is one file for several frames", "a.####.exr"],
+    );
+    refused(2, "render flag.xml --frames 3-4 -o a_#.exr --preview a.png", &["--preview"]);
+    refused(2, "render fog.xml -o a_####.exr", &["no frame", "--frames"]);
+    refused(2, "grad fog.xml --wrt albedo --loss l2 --target a_#.exr", &["--target a_#.exr", "--frames"]);
+    refused(2, "render flag.xml -o a.exr", &["flag.xml:", "`flag_###.obj`", "--frames"]);
+    refused(2, "check flag.xml --wrt albedo", &["flag.xml:", "`flag_###.obj`", "write the number"]);
+    // A file of the last frame is missing: nothing is rendered.
+    refused(2, "render flag.xml --frames 3-5 -o a_#.exr", &["frame 5", "`flag_005.obj` not found"]);
+    fs::write(b.path("a_4.exr"), "kept").unwrap();
+    refused(4, "render flag.xml --frames 3-4 -o a_#.exr", &["frame 4", "a_4.exr exists", "--overwrite"]);
+    for bad in ["4-3", "1-3,2", "a", "1-5x0"] {
+        let r = b.expect(2, &format!("render flag.xml --frames {bad} -o a_#.exr"));
+        assert!(r.stderr.contains("frame") && r.stderr.contains(bad), "{}", r.stderr);
+    }
+    assert_eq!(b.run("plan flag.xml --frames 3").code, Some(2));
+}
+
+#[test]
+fn of_frames_that_fail_the_others_go_on() {
+    let b = sequence();
+    fs::write(b.path("flag_002.obj"), "v 0 0 0\nf 1 1 9\n").unwrap();
+    let r = b.expect(2, "render flag.xml --frames 2-3 --spp 4 -o a_#.exr");
+    assert!(r.stderr.contains("frame 2") && r.stderr.contains("flag_002.obj"), "{}", r.stderr);
+    assert!(b.path("a_3.exr").is_file() && !b.path("a_2.exr").exists());
+}
+
+#[test]
+fn info_lists_arrays_with_their_sizes() {
+    let b = sequence();
+    let vdb = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/fire/blender_fire_0032.vdb");
+    let smoke = format!(
+        r#"<shape type="cube"><bsdf type="null"/><medium type="heterogeneous" id="smoke" name="interior"><volume type="openvdb" name="sigma_t"><string name="filename" value="{}"/></volume></medium></shape></scene>"#,
+        vdb.display()
+    );
+    let text = fs::read_to_string(b.path("flag.xml")).unwrap().replace("###", "003").replace("</scene>", &smoke);
+    fs::write(b.path("smoke.xml"), text).unwrap();
+    let scene = b.expect(0, "info smoke.xml --json").json();
+    let active = b.expect(0, &format!("info {} --json", vdb.display())).json();
+    let density = active["grids"].as_array().unwrap().iter().find(|g| g["name"] == "density").unwrap();
+    let arrays = scene["arrays"].as_array().unwrap();
+    let names: Vec<&str> = arrays.iter().map(|a| a["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["flag.vertices", "smoke.sigma_t.grid"]);
+    assert_eq!(arrays[0]["shape"], serde_json::json!([3, 3]));
+    assert_eq!(arrays[1]["shape"][1], 1);
+    // Not more than voxels: an active tile is one number.
+    let rows = arrays[1]["shape"][0].as_u64().unwrap();
+    assert!(rows > 0 && rows <= density["active_voxels"].as_u64().unwrap(), "{rows} {density}");
+    assert!(arrays.iter().all(|a| a["refused"].is_null()), "{arrays:?}");
+    let text = b.expect(0, "info smoke.xml").stdout;
+    assert!(
+        text.contains("flag.vertices") && text.contains("3 x 3 vertices") && text.contains("active voxels"),
+        "{text}"
+    );
+}
+
+#[test]
+fn misspelt_arrays_are_told_what_they_may_mean() {
+    let b = Bench::new();
+    for (name, meant) in [
+        ("smoke.sigma_t.gird", "`smoke.sigma_t.grid`"),
+        ("smoke.sigmat.grid", "`smoke.sigma_t.grid`"),
+        ("smoke.albdo.grid", "`smoke.albedo.grid`"),
+        ("a.b.vertexes", "`a.b.vertices`"),
+    ] {
+        let r = b.expect(2, &format!("grad fog.xml --wrt {name} --loss l2 --target none.exr"));
+        assert!(r.stderr.contains(&format!("did you mean {meant}?")), "{}", r.stderr);
+    }
+    let r = b.expect(2, "grad fog.xml --wrt fog.colour --loss l2 --target none.exr");
+    assert!(!r.stderr.contains("did you mean") && r.stderr.contains("ID.vertices"), "{}", r.stderr);
 }

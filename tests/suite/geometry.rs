@@ -2,6 +2,7 @@
 
 use crate::common::{estimate, run, scene};
 use std::fmt::Write;
+use tyndall::error::WarningKind;
 use tyndall::math::DVec3;
 use tyndall::math::rng::Rng;
 use tyndall::render::driver::Mode;
@@ -142,7 +143,7 @@ fn boundaries_that_let_no_light_in_or_leak_are_warned_of() {
         s.warnings.iter().map(|w| w.kind).collect::<Vec<_>>()
     };
     assert!(kind(r#"<bsdf type="null"/>"#).is_empty());
-    assert_eq!(kind(""), [tyndall::error::WarningKind::MediumBehindOpaqueBoundary]);
+    assert_eq!(kind(""), [WarningKind::MediumBehindOpaqueBoundary]);
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("open.obj");
     std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\n").unwrap();
@@ -152,7 +153,41 @@ fn boundaries_that_let_no_light_in_or_leak_are_warned_of() {
         <bsdf type="null"/><ref name="interior" id="fog"/></shape></scene>"#,
         path.display()
     ));
-    assert!(s.warnings.iter().any(|w| w.kind == tyndall::error::WarningKind::LeakyBoundary), "{:?}", s.warnings);
+    assert!(s.warnings.iter().any(|w| w.kind == WarningKind::LeakyBoundary), "{:?}", s.warnings);
+}
+
+#[test]
+fn open_glass_and_absurd_roughness_are_warned_of() {
+    let dir = tempfile::tempdir().unwrap();
+    let warnings = |faces: &str, bsdf: &str| {
+        let path = dir.path().join("glass.obj");
+        std::fs::write(&path, format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n{faces}")).unwrap();
+        let (_, s) = scene(&format!(
+            r#"<scene version="3.0.0"><integrator type="volpath"/><sensor type="perspective"><transform name="to_world"><translate z="-5"/></transform></sensor>
+            <shape type="obj" id="gem"><string name="filename" value="{}"/>{bsdf}</shape></scene>"#,
+            path.display()
+        ));
+        s.warnings.iter().map(|w| (w.kind, w.to_string())).collect::<Vec<_>>()
+    };
+    let (open, closed) = ("f 1 3 2\nf 1 2 4\nf 1 4 3\n", "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
+    let (glass, frosted) = (r#"<bsdf type="dielectric"/>"#, r#"<bsdf type="roughdielectric"/>"#);
+    for bsdf in [glass, frosted] {
+        assert!(warnings(closed, bsdf).is_empty());
+        let found = warnings(open, bsdf);
+        assert_eq!((found.len(), found[0].0), (1, WarningKind::OpenInterface), "{found:?}");
+        assert!(
+            found[0].1.contains("test-scene.xml:2:") && found[0].1.contains("`gem`: it refracts, but has 3 open edges")
+        );
+        assert!(found[0].1.contains("hint: close the mesh"), "{found:?}");
+    }
+    assert!(warnings(open, r#"<bsdf type="diffuse"/>"#).is_empty());
+    let metal = |alpha: f64| {
+        warnings(closed, &format!(r#"<bsdf type="roughconductor"><float name="alpha" value="{alpha}"/></bsdf>"#))
+    };
+    assert!(metal(1.0).is_empty());
+    let found = metal(1.5);
+    assert_eq!((found.len(), found[0].0), (1, WarningKind::UnlikelyValue), "{found:?}");
+    assert!(found[0].1.contains("`gem`") && found[0].1.contains("alpha of 1.5"), "{found:?}");
 }
 
 /// A mesh, analytic shapes of every form beside it (`copies` of each), and as many null boxes.

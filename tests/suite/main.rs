@@ -13,6 +13,7 @@ mod converge;
 mod cylinder;
 mod dielectric;
 mod duality;
+mod figures;
 mod fit;
 mod fit_voxels;
 mod floors;

@@ -11,7 +11,7 @@ use tyndall::render::report::WarningReport;
 use tyndall::scene::compile::LoadOptions;
 use tyndall::scene::desc::Param;
 use tyndall::scene::parts::{LightKindPart, Movable, Parts, ShapeKind, SurfacePart, VolumePart};
-use tyndall::scene::{Scene, SceneDesc};
+use tyndall::scene::{Scene, SceneDesc, arrays};
 use tyndall::shape::Geometry;
 use tyndall::surface::microfacet::Distribution;
 
@@ -20,6 +20,7 @@ pub struct SceneInfo {
     file: String,
     hash: String,
     parameters: Vec<ParamInfo>,
+    arrays: Vec<ArrayInfo>,
     sensors: Vec<SensorInfo>,
     shapes: Vec<ShapeInfo>,
     surfaces: Vec<Named>,
@@ -41,6 +42,16 @@ struct ParamInfo {
     step: Option<f64>,
     /// What changes with it.
     acts_on: Vec<String>,
+    /// Why `grad --wrt` refuses it; null where it does not.
+    refused: Option<String>,
+}
+
+/// What `--wrt` takes beside `$parameters`.
+#[derive(Serialize)]
+struct ArrayInfo {
+    name: String,
+    /// Vertices and coordinates, or active voxels and channels.
+    shape: Vec<usize>,
     /// Why `grad --wrt` refuses it; null where it does not.
     refused: Option<String>,
 }
@@ -78,7 +89,9 @@ impl SceneInfo {
     pub fn read(path: &Path, define: &[(String, String)]) -> Result<Self> {
         let desc = SceneDesc::load(path, define)?;
         let parts = Parts::read(&desc, &desc.values::<f64>())?;
-        let scene = Scene::compile(&desc, &LoadOptions::default())?;
+        let mut scene = Scene::compile(&desc, &LoadOptions::default())?;
+        let arrays = arrays::names(&parts).into_iter().map(|name| array(name, &desc, &parts, &mut scene));
+        let arrays = arrays.collect::<Result<_>>()?;
         let medium = |i: Option<usize>| i.map(|i| parts.media[i].name.clone());
         let named = |name: &str, what: String| Named { name: name.into(), what };
         let sensor = |s: &tyndall::scene::parts::SensorPart<f64>| SensorInfo {
@@ -108,6 +121,7 @@ impl SceneInfo {
             file: path.display().to_string(),
             hash: format!("{:016x}", desc.hash),
             parameters: desc.params.iter().map(|p| param(p, &desc, &parts)).collect(),
+            arrays,
             sensors: parts.sensors.iter().map(sensor).collect(),
             shapes: shapes.collect(),
             surfaces: parts.surfaces.iter().zip(&parts.surface_names).map(|(s, n)| named(n, surface(s))).collect(),
@@ -118,6 +132,13 @@ impl SceneInfo {
             warnings: scene.warnings.iter().map(Into::into).collect(),
         })
     }
+}
+
+fn array(name: String, desc: &SceneDesc, parts: &Parts<f64>, scene: &mut Scene) -> Result<ArrayInfo> {
+    let shape = scene.array_shape(arrays::target(parts, &name)?);
+    let own = std::slice::from_ref(&name);
+    let refused = Plan::new(desc, own).and_then(|p| p.refuse()).and_then(|()| scene.open(desc, own)).err();
+    Ok(ArrayInfo { shape, refused: refused.map(|e| e.to_string()), name })
 }
 
 /// Where a parameter acts: the quantities and places whose derivative is not zero, and its uses as text.
@@ -257,6 +278,7 @@ impl Info for SceneInfo {
             }
         };
         section("parameters", self.parameters.iter().map(param_row).collect());
+        section("arrays", self.arrays.iter().map(array_row).collect());
         section("sensors", self.sensors.iter().map(sensor_row).collect());
         section("shapes", self.shapes.iter().map(shape_row).collect());
         let named = |v: &[Named]| v.iter().map(|n| vec![n.name.clone(), n.what.clone()]).collect();
@@ -279,6 +301,13 @@ fn param_row(p: &ParamInfo) -> Vec<String> {
     let acts = if p.acts_on.is_empty() { "nothing".into() } else { p.acts_on.join(", ") };
     let wrt = if p.refused.is_some() { "no derivative yet" } else { "differentiable" };
     vec![p.name.clone(), value, wrt.into(), format!("acts on {acts}"), hints.join(", ")]
+}
+
+fn array_row(a: &ArrayInfo) -> Vec<String> {
+    let what = if arrays::is_voxels(&a.name) { "active voxels" } else { "vertices" };
+    let wrt = if a.refused.is_some() { "no derivative yet" } else { "differentiable (grad --loss, grad --adjoint)" };
+    let shape: Vec<String> = a.shape.iter().map(usize::to_string).collect();
+    vec![a.name.clone(), format!("{} {what}", shape.join(" x ")), wrt.into()]
 }
 
 fn sensor_row(s: &SensorInfo) -> Vec<String> {

@@ -1,0 +1,91 @@
+//! What of a scene asks for a term of the derivative that does not exist, so that a refusal names an object, its place and a remedy.
+
+use super::plan::{Motion, Term};
+use crate::error::Span;
+use crate::scene::parts::{LightKindPart, LightPart, MediumPart, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart};
+
+/// An object that makes a derivative impossible for now.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cause {
+    pub span: Span,
+    pub name: String,
+    pub remedy: &'static str,
+}
+
+impl Cause {
+    pub fn of_shape(s: &ShapePart<f64>, remedy: &'static str) -> Self {
+        Cause { span: s.span.clone(), name: s.name.clone(), remedy }
+    }
+
+    pub fn of_light(l: &LightPart<f64>, remedy: &'static str) -> Self {
+        Cause { span: l.span.clone(), name: l.name.clone(), remedy }
+    }
+
+    pub fn of_medium(m: &MediumPart<f64>, remedy: &'static str) -> Self {
+        Cause { span: m.span.clone(), name: m.name.clone(), remedy }
+    }
+}
+
+pub fn nearest_grid(p: &Parts<f64>) -> Option<&MediumPart<f64>> {
+    p.media.iter().find(|m| matches!(m.density, VolumePart::Vol { smooth: false, .. }))
+}
+
+/// Point, spot or directional.
+fn is_zero_measure(k: &LightKindPart<f64>) -> bool {
+    use LightKindPart::{Directional, Point, Spot};
+    matches!(k, Point { .. } | Spot { .. } | Directional { .. })
+}
+
+pub fn zero_measure(p: &Parts<f64>) -> Option<&LightPart<f64>> {
+    p.lights.iter().find(|l| is_zero_measure(&l.kind))
+}
+
+pub fn is_smooth(p: &Parts<f64>, s: usize) -> bool {
+    matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. })
+}
+
+/// Something that has an outline where it is seen in glass or mirrors.
+pub fn is_outlined(p: &Parts<f64>, s: usize) -> bool {
+    !matches!(p.surfaces[s], SurfacePart::Null) && !is_smooth(p, s)
+}
+
+/// What has round edges, as `term::interfaces` has it.
+pub fn round_outline(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
+    p.shapes.iter().find(|s| match s.kind {
+        ShapeKind::Sphere { .. } | ShapeKind::Disk => is_outlined(p, s.surface),
+        ShapeKind::Cylinder { .. } => !matches!(p.surfaces[s.surface], SurfacePart::Null),
+        _ => false,
+    })
+}
+
+pub fn rough(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
+    p.shapes.iter().find(|s| matches!(p.surfaces[s.surface], SurfacePart::Rough { .. }))
+}
+
+/// What of the scene asks for a term that does not exist for such a motion.
+pub fn cause(p: &Parts<f64>, term: Term, m: &Motion) -> Option<Cause> {
+    let moving = |i: Option<usize>, remedy: &'static str| Some(Cause::of_medium(&p.media[i?], remedy));
+    if m.other_volume.is_some() {
+        return moving(
+            m.other_volume,
+            "let its density alone move, out of a .vdb file; a grid of emission or temperature may move where it is one, too",
+        );
+    }
+    if term == Term::N && m.box_border.is_some() {
+        return moving(m.box_border, "a .vol ends at its box with a jump: convert it to .vdb");
+    }
+    if m.environment.is_some() {
+        let light = &p.lights[m.environment?];
+        return Some(Cause::of_light(light, "turn the camera and the objects instead"));
+    }
+    match term {
+        Term::C => {
+            let cuts = p.shapes.iter().find(|s| is_outlined(p, s.surface))?;
+            Some(Cause::of_shape(cuts, "take it out of the scene, or use a directional light in place of the beam"))
+        }
+        Term::G | Term::R => {
+            Some(Cause::of_light(zero_measure(p)?, "use an area light, an environment or a collimated beam"))
+        }
+        _ => None,
+    }
+}
