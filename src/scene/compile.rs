@@ -1,6 +1,7 @@
 //! From parts to a scene that can be rendered: files are loaded, Embree is built, media and lights get their tables.
 
 use super::beams::Beams;
+use super::bright::Bright;
 use super::desc::SceneDesc;
 use super::geometry::Group;
 use super::parts::{
@@ -130,11 +131,13 @@ impl Scene {
             embedded: Discrete::default(),
             beams: Beams::default(),
             panes: Vec::new(),
+            bright: Bright::default(),
         };
         let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();
         scene.prepare_lights(&named);
         scene.prepare_beams();
         scene.prepare_panes();
+        scene.prepare_bright();
         if can_move(desc, &scene)? {
             scene.uniform_share = UNIFORM_SHARE;
         }
