@@ -25,6 +25,7 @@ pub struct Blocks {
     volume: f64,
     /// `Σ w` and `Σ w²` over blocks, each times its volume.
     sums: [f64; 2],
+    center: DVec3,
 }
 
 impl Blocks {
@@ -60,7 +61,18 @@ impl Blocks {
         let share = volume / n as f64;
         let sums = [1, 2].map(|k| weights.iter().map(|w| w.powi(k)).sum::<f64>() * share);
         let shines = volume > 0.0 && sums.iter().all(|s| *s > 0.0 && s.is_finite());
-        shines.then(|| Blocks { place, inverse: place.inverse(), count, table: Discrete::new(weights), volume, sums })
+        let middle = |i: usize| DVec3::new((i / (ny * nz)) as f64, (i / nz % ny) as f64, (i % nz) as f64) + 0.5;
+        let mean = weights.iter().enumerate().fold(DVec3::ZERO, |c, (i, &w)| c + middle(i) * w) * (share / sums[0]);
+        let center = place.transform_point3(mean / extent);
+        shines.then(|| Blocks {
+            place,
+            inverse: place.inverse(),
+            count,
+            table: Discrete::new(weights),
+            volume,
+            sums,
+            center,
+        })
     }
 
     /// What leaves it, all around: power in the units of radiance x area.
@@ -71,6 +83,11 @@ impl Blocks {
     /// The volume that would shine as much, and as unevenly, if it were all that shines: `(∫w)² / ∫w²`.
     pub fn volume(&self) -> f64 {
         self.sums[0] * self.sums[0] / self.sums[1]
+    }
+
+    /// The mean of where it glows.
+    pub fn center(&self) -> DVec3 {
+        self.center
     }
 
     /// A point with the density [`Blocks::density`].

@@ -21,7 +21,9 @@ use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
 use crate::params::{Mover, Owner, ParamSet, Quantity, SlotTable};
 use crate::phase::Phase;
 use crate::sensor::{Projection, Sensor};
-use crate::shape::{Bounds, Cube, Cylinder, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, obj, ply};
+use crate::shape::{
+    Bounds, Cube, Cylinder, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, level_set, obj, ply,
+};
 use crate::surface::Surface;
 use crate::surface::rough::{MATCHED, Matter, Rough};
 use std::path::Path;
@@ -221,6 +223,7 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
     let shape = match &s.kind {
         ShapeKind::Obj(path) => mesh(path, obj::load(path))?,
         ShapeKind::Ply(path) => mesh(path, ply::load(path))?,
+        ShapeKind::LevelSet { path, select, isovalue } => mesh(path, level_set::load(path, select, *isovalue))?,
         ShapeKind::Sphere { center, radius } => {
             Shape::Sphere(Sphere::new(center.value(), *radius, to_world, s.flip_normals).map_err(fail)?)
         }

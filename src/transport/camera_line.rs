@@ -5,11 +5,11 @@
 //! exponential, [T] section 9). Thin media then lose no sample, and a white furnace is exact. Where the line ends on a
 //! reflecting surface one of the two parts is followed, chosen with a probability near its transmittance.
 
-use super::{connect, glow};
 use super::line::{Line, Part};
 use super::record::{Event, MediumSpan, Recorder};
 use super::tracking::{self, Forced};
 use super::walk::{Flight, Stage, State, Walker};
+use super::{connect, glow};
 use crate::math::Rgb;
 use crate::medium::Volume;
 use crate::scene::{Hit, On, Scene};

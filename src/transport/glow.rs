@@ -9,7 +9,7 @@
 //! The balance heuristic gives both the same weight, `T / (σ_t T + κ T)`, times κ l for the second: thick media get the small variance of collisions, thin ones the
 //! boundedness of track lengths, and nothing is divided by σ_t. No rule has to choose, scene by scene.
 //!
-//! * *Connecting*: a point y drawn where media glow ([`crate::scene::bright`]), density q(y) per volume, seen from x ([`connect`]).
+//! * *Connecting*: a point y drawn where media glow, density q(x, y) per volume, seen from x ([`connect`]); [`crate::scene::bright`] says where that can help.
 //!
 //! Per volume the first two have the density `D(y) = p_ω (σ_t(y) + κ) S / r²` (p_ω: that of the direction at x; r = ‖y-x‖; S: transmittance of homogeneous media
 //! between x and y, a stand-in for T). So walks get the share `D / (D + q)` of y's light and connections the rest: functions of x and y alone, whatever
@@ -38,7 +38,7 @@ fn walked_density(m: &Medium, p: DVec3) -> f64 {
 
 /// The share of walks in the light of `p` in a medium, after the optical depth `tau` of homogeneous spans: `D / (D + q)`.
 fn walked_share(scene: &Scene, medium: u32, p: DVec3, s: &State, tau: Rgb) -> f64 {
-    let q = scene.bright.density(medium, p);
+    let q = scene.bright.density(medium, s.vertex, p);
     if q <= 0.0 || s.pdf_direction <= 0.0 {
         return 1.0;
     }
@@ -120,12 +120,10 @@ pub(super) fn on_line<R: Recorder>(
 pub(super) fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let scene = w.scene;
     let bright = &scene.bright;
-    if !bright.any() || s.rng.uniform() >= bright.probability {
+    if !bright.any() {
         return;
     }
-    let (u, v) = (s.rng.uniform(), s.rng.uniform());
-    let rest = [s.rng.uniform(), s.rng.uniform(), s.rng.uniform()];
-    let Some((medium, y)) = bright.sample(u, v, rest) else { return };
+    let Some((medium, y)) = bright.sample(s.o, &mut s.rng) else { return };
     let first = w.rec.side_len();
     let mut rng = s.rng;
     let sight = Sight::new(w, s, vertex, y, Some(&mut rng));
@@ -139,7 +137,7 @@ pub(super) fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Ve
     let weight = s.beta / s.r.mean()
         * sight.tint
         * sight.transmittance
-        * (sight.per_length / (own + bright.density(medium, y)));
+        * (sight.per_length / (own + bright.density(medium, s.o, y)));
     let value = emit(w, &[], sight.span, sight.t, weight, s.depth, Some((first, sight.phase)));
     if let Some(value) = value {
         vertex.scored(w.rec, sight.direction, value);

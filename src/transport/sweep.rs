@@ -371,7 +371,7 @@ impl Sweep<'_> {
                 for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
                     self.transmittance(span, value, sink);
                 }
-                for (medium, m) in phase {
+                if let Some((medium, m)) = phase {
                     self.phase(*medium, *m, value, sink);
                 }
                 // The weight does not know sigma_a and L_e: nothing to divide by.
