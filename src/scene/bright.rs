@@ -3,7 +3,7 @@
 //! Seen from a distance d, what glows takes up about `P = V^(2/3) / (4π d²)` of all directions, V being its volume ([`Blocks::volume`]): so often do drawn directions find
 //! it. Nearer than `d*`, where P = 0.1, they need no help. So vertices are connected with the probability `d² / (d² + d*²)`, and media at all where
 //!
-//! * at least `FAR` of their light passes d* unscattered, and scatters then (measured along rays of a fixed stream from where they glow): not a fire
+//! * at least `FAR` of their light that meets anything at all has passed d* by then (measured along rays of a fixed stream from where they glow): not a fire
 //!   inside of its own dense smoke;
 //! * their power is at least `POWER` of that of all lights.
 //!
@@ -16,7 +16,7 @@ use crate::math::{DVec3, Rgb, warp};
 use crate::medium::bright::Blocks;
 use std::f64::consts::PI;
 
-const FAR: f64 = 0.2;
+const FAR: f64 = 0.05;
 const POWER: f64 = 0.05;
 /// P at d*.
 const FOUND: f64 = 0.1;
@@ -83,18 +83,19 @@ impl Scene {
         self.bright = Bright { blocks, pick };
     }
 
-    /// The share of a medium's light that first scatters farther than d* from where it is emitted.
+    /// The share of a medium's light that has passed d* when it meets anything, among all that does.
     fn far_share(&self, id: u32, b: &Blocks) -> f64 {
-        let mut sum = 0.0;
+        let (mut far, mut all) = (0.0, 0.0);
         for k in 0..RAYS {
             let mut rng = Rng::keyed(0, Purpose::Pilot as u64, u64::from(id), k);
             let u = rng.uniform();
             let y = b.sample(u, [rng.uniform(), rng.uniform(), rng.uniform()]);
             let w = warp::sphere(rng.uniform(), rng.uniform());
             let (passes, leaves) = self.passage(y, w, id, near(b));
-            sum += passes - leaves;
+            far += passes - leaves;
+            all += 1.0 - leaves;
         }
-        sum / RAYS as f64
+        if all > 0.0 { far / all } else { 0.0 }
     }
 
     /// Transmittance from `o` to the distance `d`, and out of the scene; the mean over channels. 0: something opaque stands before it.

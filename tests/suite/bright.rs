@@ -225,7 +225,7 @@ fn voxels_modes_and_threads() {
 fn a_fire_in_dense_smoke_is_left_to_walks() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/fire/scene.xml");
     let text = std::fs::read_to_string(&path).unwrap();
-    for (scale, any) in [("16", false), ("0.3", true)] {
+    for (scale, any) in [("16", false), ("1", true)] {
         let o =
             [("density_scale".to_string(), scale.to_string()), ("sun".into(), "0".into()), ("sky".into(), "0".into())];
         let desc = tyndall::scene::SceneDesc::parse(&text, &path, &o).unwrap();

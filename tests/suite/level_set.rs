@@ -54,6 +54,9 @@ fn size(m: &TriangleMesh) -> [f64; 2] {
     [m.area(), m.faces.iter().map(volume).sum()]
 }
 
+/// Largest relative error of area and volume over (h/R)²: points are means of where cells' edges are crossed, so they lie a little inside.
+const ORDER: f64 = 1.5;
+
 /// Closed, one side in front, that is the outside; area and volume off by O(h²).
 #[test]
 fn a_ball_is_meshed() {
@@ -76,7 +79,10 @@ fn a_ball_is_meshed() {
         });
         println!("mirrored {mirror}: relative errors of area and volume {errors:?}");
         for k in 0..2 {
-            assert!(errors[0][k].abs() < 0.01 && errors[1][k].abs() < 0.3 * errors[0][k].abs(), "{errors:?}");
+            assert!(
+                errors[0][k].abs() < ORDER * (0.1 / RADIUS).powi(2) && errors[1][k].abs() < 0.3 * errors[0][k].abs(),
+                "{errors:?}"
+            );
         }
     }
 }
@@ -89,7 +95,10 @@ fn other_classes_need_an_isovalue() {
     assert!(e.contains("`ball` is no level set") && e.contains("isovalue"), "{e}");
     // Whatever class: the front is the outside of what is enclosed.
     let [_, volume] = size(&load(&fog, Some(-0.1)).unwrap());
-    assert!((volume / (4.0 / 3.0 * std::f64::consts::PI * 0.7_f64.powi(3)) - 1.0).abs() < 0.02, "{volume}");
+    assert!(
+        (volume / (4.0 / 3.0 * std::f64::consts::PI * 0.7_f64.powi(3)) - 1.0).abs() < ORDER * (0.1_f64 / 0.7).powi(2),
+        "{volume}"
+    );
     assert!(load(&fog, Some(7.0)).unwrap_err().contains("no surface"));
     let text = format!(
         r#"<scene version="3.0.0"><default name="x" value="0"/><sensor type="perspective"/><shape type="openvdb"><string name="filename" value="{}"/><float name="isovalue" value="$x"/></shape></scene>"#,
@@ -122,12 +131,12 @@ fn a_level_set_moves_like_a_mesh() {
         );
         let (desc, sc) = scene(&text);
         let p = params(&desc, &sc, &["x"]);
-        let o = run(&sc, 1 << 12, 5, Mode::Forward(&p));
+        let o = run(&sc, 1 << 15, 5, Mode::Forward(&p));
         [estimate(&o, 0), estimate(&o, 1)]
     });
     let [[a, da], [b, db]] = both;
     println!("{a:?} {b:?}\n{da:?} {db:?}");
-    assert!(a.value[0] > 0.01 && (a.value[0] - b.value[0]).abs() <= 1e-9 * a.value[0]);
+    assert!(a.value[0] > 0.005 && (a.value[0] - b.value[0]).abs() <= 1e-9 * a.value[0]);
     let se = da.error[0].hypot(db.error[0]);
     assert!((da.value[0] - db.value[0]).abs() <= 4.5 * se && se < 0.1 * da.value[0].abs(), "{da:?} {db:?}");
 }
