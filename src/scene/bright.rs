@@ -92,7 +92,8 @@ impl Scene {
             let y = b.sample(u, [rng.uniform(), rng.uniform(), rng.uniform()]);
             let w = warp::sphere(rng.uniform(), rng.uniform());
             let (passes, leaves) = self.passage(y, w, id, near(b));
-            far += passes - leaves;
+            // A black wall nearer than d* takes it as the sky does.
+            far += (passes - leaves).max(0.0);
             all += 1.0 - leaves;
         }
         if all > 0.0 { far / all } else { 0.0 }
