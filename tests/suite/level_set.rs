@@ -101,7 +101,7 @@ fn other_classes_need_an_isovalue() {
     );
     assert!(load(&fog, Some(7.0)).unwrap_err().contains("no surface"));
     let text = format!(
-        r#"<scene version="3.0.0"><default name="x" value="0"/><sensor type="perspective"/><shape type="openvdb"><string name="filename" value="{}"/><float name="isovalue" value="$x"/></shape></scene>"#,
+        r#"<scene version="3.0.0"><default name="x" value="0"/><integrator type="path"/><sensor type="perspective"/><shape type="openvdb"><string name="filename" value="{}"/><float name="isovalue" value="$x"/></shape></scene>"#,
         fog.display()
     );
     let desc = tyndall::scene::SceneDesc::parse(&text, Path::new("s.xml"), &[]).unwrap();
