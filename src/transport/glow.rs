@@ -9,7 +9,7 @@
 //! The balance heuristic gives both the same weight, `T / (σ_t T + κ T)`, times κ l for the second: thick media get the small variance of collisions, thin ones the
 //! boundedness of track lengths, and nothing is divided by σ_t. No rule has to choose, scene by scene.
 //!
-//! * *Connecting*: a point y drawn where media glow, density q(x, y) per volume, seen from x ([`connect`]); [`crate::scene::bright`] says where that can help.
+//! * *Connecting*: a point y drawn where media glow, density q(x, y) per volume, seen from x; [`crate::scene::bright`] says where that can help.
 //!
 //! Per volume the first two have the density `D(y) = p_ω (σ_t(y) + κ) S / r²` (p_ω: that of the direction at x; r = ‖y-x‖; S: transmittance of homogeneous media
 //! between x and y, a stand-in for T). So walks get the share `D / (D + q)` of y's light and connections the rest: functions of x and y alone, whatever
