@@ -10,7 +10,7 @@ use crate::math::{DAffine3, DVec3};
 /// Blocks of a lattice at most.
 const BLOCKS: usize = 1 << 18;
 
-/// Points a block along each axis, where it has as many cells.
+/// Points a block along each axis; two where it is one cell, whose middle may be a node of the grid.
 const POINTS: usize = 3;
 
 /// The blocks of one medium.
@@ -42,7 +42,7 @@ impl Blocks {
         while blocks(size).iter().product::<usize>() > BLOCKS {
             size += 1;
         }
-        let (count, points) = (blocks(size), size.min(POINTS));
+        let (count, points) = (blocks(size), (size + 1).min(POINTS));
         let volume = place.matrix3.determinant().abs();
         let extent = DVec3::from(count.map(|n| n as f64));
         let value = |block: [usize; 3]| -> f64 {
