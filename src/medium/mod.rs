@@ -1,5 +1,6 @@
 //! Participating media: extinction, albedo, phase function, emission, and how they depend on slots.
 
+pub mod bright;
 pub mod glow;
 pub mod grid;
 
@@ -169,6 +170,16 @@ impl Medium {
         let e = self.emission.as_ref()?;
         let (sigma_t, sigma_s) = self.coefficients(p);
         Some((sigma_t - sigma_s, e.at(p)))
+    }
+
+    /// The part of [t0, t1] in which it may glow; empty if the first is not below the second.
+    pub fn glow_range(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> (f64, f64) {
+        let Some(e) = &self.emission else { return (t0, t0) };
+        let grids = [&e.volume, &self.density].into_iter().filter_map(|v| match v {
+            Volume::Grid(g) => Some(g),
+            Volume::Constant(_) => None,
+        });
+        grids.fold((t0, t1), |(a, b), g| g.clip_ray(o, w, a, b))
     }
 
     /// `∇σ_s` at a world point, per channel, 1/length².

@@ -8,3 +8,4 @@ pub mod embree;
 pub mod nearest;
 pub mod vdb;
 mod vdb_frame;
+mod vdb_surface;

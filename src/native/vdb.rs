@@ -361,8 +361,8 @@ impl<'a> Open<'a> {
 
 /// A grid in OpenVDB's memory.
 pub struct Loaded {
-    path: PathBuf,
-    handle: *mut sys::tvdb_grid,
+    pub(super) path: PathBuf,
+    pub(super) handle: *mut sys::tvdb_grid,
     leaves: usize,
     tiles: usize,
     pub info: GridInfo,
@@ -437,7 +437,7 @@ fn aligned(origin: [i32; 3], size: i32) -> bool {
     size > 0 && origin.iter().all(|&x| x.rem_euclid(size) == 0 && (-FAR..FAR).contains(&x))
 }
 
-fn damage(path: &Path, grid: &str, what: &str) -> Error {
+pub(super) fn damage(path: &Path, grid: &str, what: &str) -> Error {
     if grid.is_empty() {
         Error::Runtime(format!("{}: {what}", path.display()))
     } else {
@@ -446,7 +446,7 @@ fn damage(path: &Path, grid: &str, what: &str) -> Error {
 }
 
 /// Call a function of the shim with room for its message; its message becomes the error.
-fn call(path: &Path, grid: &str, f: impl FnOnce(*mut c_char, usize) -> i32) -> Result<()> {
+pub(super) fn call(path: &Path, grid: &str, f: impl FnOnce(*mut c_char, usize) -> i32) -> Result<()> {
     let mut message = [0 as c_char; 1024];
     if f(message.as_mut_ptr(), message.len()) == 0 {
         return Ok(());

@@ -1,7 +1,11 @@
 //! From parts to a scene that can be rendered: files are loaded, Embree is built, media and lights get their tables.
 
 use super::beams::Beams;
+<<<<<<< HEAD
 use super::critical::Critical;
+=======
+use super::bright::Bright;
+>>>>>>> glow
 use super::desc::SceneDesc;
 use super::geometry::Group;
 use super::parts::{
@@ -21,7 +25,9 @@ use crate::medium::{Medium, MediumSlots, NO_SLOT, Volume};
 use crate::params::{Mover, Owner, ParamSet, Quantity, SlotTable};
 use crate::phase::Phase;
 use crate::sensor::{Projection, Sensor};
-use crate::shape::{Bounds, Cube, Cylinder, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, obj, ply};
+use crate::shape::{
+    Bounds, Cube, Cylinder, Disk, Geometry, Rectangle, Shape, Sphere, TriangleMesh, level_set, obj, ply,
+};
 use crate::surface::Surface;
 use crate::surface::rough::{MATCHED, Matter, Rough};
 use std::path::Path;
@@ -132,11 +138,13 @@ impl Scene {
             embedded: Discrete::default(),
             beams: Beams::default(),
             panes: Vec::new(),
+            bright: Bright::default(),
         };
         let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();
         scene.prepare_lights(&named);
         scene.prepare_beams();
         scene.prepare_panes();
+        scene.prepare_bright();
         if can_move(desc, &scene)? {
             scene.uniform_share = UNIFORM_SHARE;
         }
@@ -221,6 +229,7 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
     let shape = match &s.kind {
         ShapeKind::Obj(path) => mesh(path, obj::load(path))?,
         ShapeKind::Ply(path) => mesh(path, ply::load(path))?,
+        ShapeKind::LevelSet { path, select, isovalue } => mesh(path, level_set::load(path, select, *isovalue))?,
         ShapeKind::Sphere { center, radius } => {
             Shape::Sphere(Sphere::new(center.value(), *radius, to_world, s.flip_normals).map_err(fail)?)
         }

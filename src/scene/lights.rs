@@ -25,18 +25,7 @@ const ENVIRONMENT: f64 = 0.5;
 impl Scene {
     /// Fill the selection tables; call when lights and bounds are known.
     pub fn prepare_lights(&mut self, named: &[Option<usize>]) {
-        let radius = self.bounds.radius();
-        let power: Vec<f64> = self
-            .lights
-            .iter()
-            .map(|l| {
-                let area = match l.kind {
-                    LightKind::Area { shape } => self.shapes[shape as usize].shape.area(),
-                    _ => 0.0,
-                };
-                l.rough_power(area, radius)
-            })
-            .collect();
+        let power = self.light_power();
         let table = |wanted: &dyn Fn(usize) -> bool| {
             let n = (0..self.lights.len()).filter(|&i| wanted(i)).count() as f64;
             let total: f64 = (0..self.lights.len()).filter(|&i| wanted(i)).map(|i| power[i]).sum();
@@ -60,6 +49,16 @@ impl Scene {
         self.selection = selection;
         self.embedded = embedded;
         self.local = local;
+    }
+
+    /// What every light gives, roughly: power in the units of radiance x area.
+    pub(super) fn light_power(&self) -> Vec<f64> {
+        let radius = self.bounds.radius();
+        let area = |l: &crate::light::Light| match l.kind {
+            LightKind::Area { shape } => self.shapes[shape as usize].shape.area(),
+            _ => 0.0,
+        };
+        self.lights.iter().map(|l| l.rough_power(area(l), radius)).collect()
     }
 
     /// The largest radiance that anything emits; what lights without a surface give at the scene's size.

@@ -3,6 +3,7 @@
 pub mod advice;
 pub mod arrays;
 pub mod beams;
+pub mod bright;
 pub mod compile;
 pub mod critical;
 pub mod desc;
@@ -173,4 +174,6 @@ pub struct Scene {
     pub panes: Vec<panes::Pane>,
     /// Of every light that stands in a medium, for the light-centred one.
     pub embedded: Discrete,
+    /// Where media glow, for connections to it.
+    pub bright: bright::Bright,
 }

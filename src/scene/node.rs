@@ -167,6 +167,15 @@ impl Node {
             .transpose()
     }
 
+    /// A number that no parameter can change.
+    pub fn fixed_float_opt(&self, name: &str) -> Result<Option<f64>> {
+        let open = self.prop(name).is_some_and(|p| !p.value.parameters().is_empty());
+        if open {
+            return Err(self.err(name, format!("`{name}` cannot be a parameter"), "write a number there"));
+        }
+        self.float_opt(&Env::default(), name)
+    }
+
     pub fn float<R: Real>(&self, env: &Env<R>, name: &str, default: f64) -> Result<R> {
         Ok(self.float_opt(env, name)?.unwrap_or_else(|| R::from(default)))
     }

@@ -8,6 +8,7 @@ use super::transform::Mat4;
 use super::volumes::VdbFile;
 use crate::error::{Error, Result, Span};
 use crate::math::{DMat4, DVec3, Real, V3, warp};
+use crate::native::vdb::Select;
 use crate::params::{Owner, Quantity};
 use crate::surface::microfacet::Distribution;
 use std::collections::HashMap;
@@ -31,11 +32,24 @@ pub struct ShapePart<R> {
 pub enum ShapeKind<R> {
     Obj(PathBuf),
     Ply(PathBuf),
-    Sphere { center: V3<R>, radius: R },
+    /// Where an OpenVDB grid has the isovalue; without one, where a level set is 0.
+    LevelSet {
+        path: PathBuf,
+        select: Select,
+        isovalue: Option<f64>,
+    },
+    Sphere {
+        center: V3<R>,
+        radius: R,
+    },
     Rectangle,
     Cube,
     Disk,
-    Cylinder { p0: V3<R>, p1: V3<R>, radius: R },
+    Cylinder {
+        p0: V3<R>,
+        p1: V3<R>,
+        radius: R,
+    },
 }
 
 impl<R: Real> ShapePart<R> {

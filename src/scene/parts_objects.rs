@@ -11,7 +11,7 @@ use crate::native::vdb::Select;
 use crate::surface::microfacet::Distribution;
 use std::path::PathBuf;
 
-const SHAPES: [&str; 7] = ["obj", "ply", "rectangle", "cube", "disk", "sphere", "cylinder"];
+const SHAPES: [&str; 8] = ["obj", "ply", "openvdb", "rectangle", "cube", "disk", "sphere", "cylinder"];
 const BSDFS: [&str; 7] =
     ["diffuse", "dielectric", "roughdielectric", "conductor", "roughconductor", "null", "twosided"];
 const EMITTERS: [&str; 7] = ["area", "point", "spot", "directional", "collimated", "constant", "envmap"];
@@ -86,6 +86,10 @@ impl<R: Real> Reader<'_, R> {
         let kind = match n.plugin.as_str() {
             "obj" => ShapeKind::Obj(needs_file(n)?),
             "ply" => ShapeKind::Ply(needs_file(n)?),
+            "openvdb" => {
+                let select = if n.has("grid_name") || n.has("grid_index") { select(n)? } else { Select::Index(0) };
+                ShapeKind::LevelSet { path: needs_file(n)?, select, isovalue: n.fixed_float_opt("isovalue")? }
+            }
             "rectangle" => ShapeKind::Rectangle,
             "cube" => ShapeKind::Cube,
             "disk" => ShapeKind::Disk,

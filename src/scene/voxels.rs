@@ -153,6 +153,7 @@ impl Scene {
         let Some((g, _)) = m.grid_of(v.quantity) else { return Ok(()) };
         let new = g.with_field(&v.field).map_err(|what| Error::Runtime(format!("medium `{}`: {what}", m.name)))?;
         m.set_grid(v.quantity, new);
+        self.prepare_bright();
         Ok(())
     }
 

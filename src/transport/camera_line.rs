@@ -5,11 +5,11 @@
 //! exponential, [T] section 9). Thin media then lose no sample, and a white furnace is exact. Where the line ends on a
 //! reflecting surface one of the two parts is followed, chosen with a probability near its transmittance.
 
-use super::connect;
 use super::line::{Line, Part};
 use super::record::{Event, MediumSpan, Recorder};
 use super::tracking::{self, Forced};
 use super::walk::{Flight, Stage, State, Walker};
+use super::{connect, glow};
 use crate::math::Rgb;
 use crate::medium::Volume;
 use crate::scene::{Hit, On, Scene};
@@ -58,7 +58,7 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     let prefix = s.beta;
     let transmitted = total.map(|t| (-t).exp());
     for k in 0..pieces.len() {
-        glow(w, &mut s, &pieces[..=k], prefix);
+        glow::on_line(w, &mut s, &pieces[..=k], prefix, chain);
     }
     if R::ON {
         for p in pieces {
@@ -125,20 +125,6 @@ fn scatter_probability<R: Recorder>(
     } else {
         Share { scatter: 1.0, both: true }
     }
-}
-
-/// Emission of the last of `pieces`, at a point drawn by transmittance: without variance where the medium is uniform.
-fn glow<R: Recorder>(w: &mut Walker<R>, s: &mut State, pieces: &[Part], prefix: Rgb) {
-    let Some((piece, lead)) = pieces.split_last() else { return };
-    let m = &w.scene.media[piece.span.medium as usize];
-    if m.emission.is_none() || w.set.max_depth == 0 {
-        return;
-    }
-    let before = piece.before.map(|t| (-t).exp());
-    let Some((t, weight)) = tracking::transmittance_point(m, &piece.span, piece.depth, &mut s.rng) else { return };
-    chain(w, s);
-    let lead: Vec<MediumSpan> = if R::ON { lead.iter().map(|q| q.span).collect() } else { Vec::new() };
-    w.glow(&lead, piece.span, t, prefix * before * weight, s.depth);
 }
 
 /// The equi-angular connection and the candidate of a derivative vertex on the last of `pieces`.

@@ -138,7 +138,7 @@ impl Start {
             Event::Scatter { medium, p, w, .. } => cx.scatter(chain, *medium, *p, *w, is_first),
             Event::Surface { hit, .. } => cx.reflect(chain, hit, is_first),
             Event::Emit { weight, emission, end } if !seen => cx.arrive(chain, *end, *weight * emission.color()),
-            Event::Glow { weight, radiance, via, first_span, spans } => {
+            Event::Glow { weight, radiance, via, first_span, spans, .. } => {
                 let dark = *weight;
                 cx.glow(chain, via, dark * via.sigma * *radiance, dark, side(*first_span, *spans), seen);
             }

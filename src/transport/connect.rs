@@ -18,7 +18,7 @@ use crate::phase::one_minus_cos;
 use crate::scene::{On, Scene};
 
 /// Mean survival of a sampled direction over an optical depth.
-fn survival(tau: Rgb) -> f64 {
+pub(super) fn survival(tau: Rgb) -> f64 {
     if tau.is_zero() { 1.0 } else { tau.map(|t| (-t).exp()).mean() }
 }
 

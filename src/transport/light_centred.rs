@@ -44,6 +44,8 @@ pub(super) struct Sight {
     pub density: f64,
     pub phase: Option<(u32, f64)>,
     pub transmittance: Rgb,
+    /// Optical depth of homogeneous media on the way.
+    pub tau: Rgb,
     /// The span that y lies in, whole, and where.
     pub span: MediumSpan,
     pub t: f64,
@@ -71,7 +73,7 @@ impl Sight {
         }
         let (mut on, mut medium) = vertex.start(s, direction);
         let (mut o, mut before) = (s.o, 0.0);
-        let (mut transmittance, mut crossings) = (Rgb::ONE, 0);
+        let (mut transmittance, mut tau, mut crossings) = (Rgb::ONE, Rgb::ZERO, 0);
         loop {
             crossings += 1;
             if crossings > scene.max_interfaces {
@@ -89,6 +91,10 @@ impl Sight {
                     Some(rng) => transmit::one_span(scene, &part, rng),
                     None => tracking::depth(&scene.media[id as usize], &part).map(|t| (-t).exp()),
                 };
+                let m = &scene.media[id as usize];
+                if m.is_homogeneous() {
+                    tau += tracking::depth(m, &part);
+                }
                 if R::ON {
                     w.rec.side_span(part);
                 }
@@ -96,7 +102,7 @@ impl Sight {
                     let t = (d - before).max(0.0);
                     let (per_length, density) = (lobe.f / (d * d), lobe.pdf / (d * d));
                     let tint = lobe.tint;
-                    return Some(Sight { direction, per_length, tint, density, phase, transmittance, span, t });
+                    return Some(Sight { direction, per_length, tint, density, phase, transmittance, tau, span, t });
                 }
             }
             let h = hit?;

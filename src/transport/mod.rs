@@ -11,6 +11,7 @@ pub mod chained;
 pub mod connect;
 pub mod field;
 pub mod first;
+pub mod glow;
 pub mod light_centred;
 pub mod line;
 pub mod motion;

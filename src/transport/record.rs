@@ -132,8 +132,8 @@ pub enum Event {
     Specular(Specular),
     /// Light met by the walk: `weight x emission` was added.
     Emit { weight: Rgb, emission: Emission, end: End },
-    /// Emission of the medium at a point of a span: `weight x via.sigma x radiance` was added, `radiance` is L_e; own spans.
-    Glow { weight: Rgb, radiance: Rgb, via: Drawn, first_span: u32, spans: u32 },
+    /// Emission of the medium at a point of a span: `weight x via.sigma x radiance` was added, `radiance` is L_e; own spans, own phase where a vertex was connected to it.
+    Glow { weight: Rgb, radiance: Rgb, via: Drawn, first_span: u32, spans: u32, phase: Option<(u32, f64)> },
     /// A connection to a light: `weight x emission` was added; own spans, own phase, and for a point that the
     /// walk did not visit, its own sigma_s as a further factor.
     Connect {

@@ -365,13 +365,16 @@ impl Sweep<'_> {
                 self.emission(*weight, emission, sink);
                 after += *weight * emission.color();
             }
-            Event::Glow { weight, radiance, via, first_span, spans } => {
+            Event::Glow { weight, radiance, via, first_span, spans, phase } => {
                 let l = *weight * *radiance;
                 let value = l * via.sigma;
                 for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
                     self.transmittance(span, value, sink);
                 }
-                // Drawn without regard to sigma_a and L_e: nothing to divide by.
+                if let Some((medium, m)) = phase {
+                    self.phase(*medium, *m, value, sink);
+                }
+                // The weight does not know sigma_a and L_e: nothing to divide by.
                 let (m, facts) = (&self.scene.media[via.medium as usize], &self.facts.media[via.medium as usize]);
                 if let Some(e) = m.emission.as_ref().filter(|_| facts.glow) {
                     e.partials(self.params, via.p, *weight * via.sigma, sink);

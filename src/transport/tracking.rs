@@ -159,6 +159,21 @@ pub fn walked_weight(m: &Medium, span: &MediumSpan, t: f64, beta: Rgb, r: Rgb) -
     beta * tr * (1.0 / (r * tr).mean())
 }
 
+/// `beta T / mean(r T (sigma_t + kappa))` at abscissa `t` of a span: [`super::glow`].
+pub fn point_weight(m: &Medium, span: &MediumSpan, t: f64, beta: Rgb, r: Rgb) -> Rgb {
+    let sigma = m.coefficients(span.o + span.w * t).0 + Rgb::splat(m.kappa);
+    if m.gray {
+        return beta * (1.0 / (r.mean() * sigma[0]));
+    }
+    let tr = depth(m, &span.until(t)).map(|d| (-d).exp());
+    beta * tr * (1.0 / (r * tr * sigma).mean())
+}
+
+/// The truncated exponential of the optical depth `total` ([T] section 9); a tiny one's quotient is uniform, ln_1p keeps the digits.
+pub fn truncated(u: f64, total: f64) -> f64 {
+    (-(u * -(-total).exp_m1()).min(1.0 - f64::EPSILON / 2.0)).ln_1p().abs()
+}
+
 /// Optical depth of a span per channel, exact.
 pub fn depth(m: &Medium, span: &MediumSpan) -> Rgb {
     match &m.density {
@@ -189,9 +204,7 @@ pub fn force<'a>(
         let lit: Vec<usize> = (0..3).filter(|&c| total[c] > 0.0).collect();
         lit[((rng.uniform() * lit.len() as f64) as usize).min(lit.len() - 1)]
     };
-    let u = rng.uniform();
-    // For a tiny depth the quotient is uniform; ln_1p keeps the digits.
-    let target = (-(u * -(-total[hero]).exp_m1()).min(1.0 - f64::EPSILON / 2.0)).ln_1p().abs();
+    let target = truncated(rng.uniform(), total[hero]);
     let mut last = Forced { piece: 0, t: 0.0, hero };
     for (k, (m, span, before, depth)) in pieces.enumerate() {
         if depth[hero] <= 0.0 {

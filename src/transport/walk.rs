@@ -8,10 +8,10 @@
 //! Techniques for one light path (direction or light sampling, free flight or equi-angular) are weighted by functions of
 //! the geometry alone, so the weights sum to one whatever the tracking inside them did.
 
-use super::record::{Drawn, End, Event, MediumSpan, Prefix, Recorder};
+use super::record::{End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use super::vertex::{Facing, Vertex};
-use super::{beam, beside, camera_line, connect, light_centred, pane, specular};
+use super::{beam, beside, camera_line, connect, glow, light_centred, pane, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
@@ -236,11 +236,11 @@ impl<'a, R: Recorder> Walker<'a, R> {
                     let weighs = scene.weighs_flights();
                     let density = if weighs { tracking::flight_density(medium, &span, t) } else { 0.0 };
                     s.flight = Flight { span: Some(span), density, reach: s.reach() };
-                    self.walked(s, span, t, beta, r);
+                    self.walked(s, span, t, true, beta, r);
                     self.collide(s, t);
                 }
                 None => {
-                    self.walked(s, span, t1, beta, r);
+                    self.walked(s, span, t1, false, beta, r);
                     self.arrive(s, hit);
                 }
             }
@@ -254,23 +254,20 @@ impl<'a, R: Recorder> Walker<'a, R> {
             if hit.is_none() && t < f64::INFINITY {
                 tracking::weight_collision(medium, t, s);
                 s.flight = Flight::default();
-                self.walked(s, span, t, beta, r);
+                self.walked(s, span, t, true, beta, r);
                 self.collide(s, t);
             } else {
                 tracking::weight_passage(medium, t1, s);
-                self.walked(s, span, t1, beta, r);
+                self.walked(s, span, t1, false, beta, r);
                 self.arrive(s, hit);
             }
         }
     }
 
-    fn walked(&mut self, s: &mut State, span: MediumSpan, t: f64, beta: Rgb, r: Rgb) {
+    fn walked(&mut self, s: &mut State, span: MediumSpan, t: f64, collides: bool, beta: Rgb, r: Rgb) {
         let medium = &self.scene.media[span.medium as usize];
-        if medium.emission.is_some() && t > 0.0 && t < f64::INFINITY {
-            // Track length [T] 7: a uniform point of the walked part, P(walk gets to t) = T(t).
-            let u = s.rng.uniform() * t;
-            let weight = tracking::walked_weight(medium, &span, u, beta, r) * t;
-            self.glow(&[], span, u, weight, s.depth);
+        if medium.emission.is_some() && t > 0.0 {
+            glow::walked(self, s, &span, t, collides, beta, r);
         }
         if medium.is_homogeneous() && t < f64::INFINITY {
             s.tau += medium.sigma_t * t;
@@ -303,27 +300,6 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let Some((emission, pdf)) = light.escape(s.w) else { return };
         let p = s.to_environment * pdf;
         self.emit(s, emission, p, End::Infinity(s.w));
-    }
-
-    /// Score the emission of the medium at abscissa `t` of a span, with the weight of that point, after `order` scatterings.
-    pub fn glow(&mut self, lead: &[MediumSpan], span: MediumSpan, t: f64, weight: Rgb, order: u32) {
-        if order < self.set.min_order {
-            return;
-        }
-        let medium = &self.scene.media[span.medium as usize];
-        let p = span.o + span.w * t;
-        let Some((sigma_a, radiance)) = medium.glow(p) else { return };
-        let value = weight * sigma_a * radiance;
-        self.value += value;
-        self.rec.score(order, value);
-        if R::ON {
-            let first_span = self.rec.side_len();
-            lead.iter().for_each(|&l| self.rec.side_span(l));
-            self.rec.side_span(span.until(t));
-            let spans = self.rec.side_len() - first_span;
-            let via = Drawn { medium: span.medium, p, sigma: sigma_a, span, lead: spans };
-            self.rec.push(Event::Glow { weight, radiance, via, first_span, spans });
-        }
     }
 
     /// Score emission met by the walk, weighted against a connection of density `p_light` (per solid angle).
@@ -368,6 +344,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             connect::from_medium(self, s, id);
             beam::connect(self, s, &Vertex::Medium(id));
             pane::connect(self, s, &Vertex::Medium(id));
+            glow::connect(self, s, &Vertex::Medium(id));
         }
         s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);
         self.turn(s, id);
@@ -469,6 +446,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             beam::connect(self, s, &vertex);
             pane::connect(self, s, &vertex);
             light_centred::connect(self, s, &vertex);
+            glow::connect(self, s, &vertex);
         }
         beside::score(self, s, &vertex);
         let (u, v) = (s.rng.uniform(), s.rng.uniform());

@@ -428,6 +428,8 @@ fn voxels_of_temperature() {
     let file = |changed: Values| vec![grid("density", 1, &cloud), grid("albedo", 3, &colors), grid("glow", 1, changed)];
     let text = glowing("temperature", 3, "");
     let (desc, mut sc, _dir) = scene_of(&text, &file(&temperatures));
+    // Connections go where it is bright: without them temperatures change no path.
+    sc.bright = Default::default();
     let params = open(&desc, &mut sc, &[name, "temperature_scale", "temperature_offset"]);
     let v = adjoint(30);
     let (g, _) = gradient(&sc, &params, &v, 128, 3);
@@ -439,10 +441,11 @@ fn voxels_of_temperature() {
     let other = 1500.0 * named[0] - 0.2 * named[1];
     assert!(sum.abs() > 1e-3 * size && (sum - other).abs() <= 1e-9 * size, "{sum} {other}");
 
-    // Temperatures change no path: differences from the same samples are as exact as their step is small.
+    // Differences from the same samples are as exact as their step is small.
     let at = |voxel: [i32; 3], h: f32| {
         let changed = |p: [i32; 3]| if p == voxel { temperatures(p).map(|t| t + h) } else { temperatures(p) };
         let (desc, mut sc, _dir) = scene_of(&text, &file(&changed));
+        sc.bright = Default::default();
         let params = open(&desc, &mut sc, &[name]);
         let o = job(&sc, 128, 3, Mode::Reverse(&params, &v)).run(&|_| {}).unwrap();
         (0..30).map(|i| o.film.mean(0, i).dot(v[i])).sum::<f64>()

@@ -15,7 +15,7 @@ macro_rules! opaque {
         }
     )*};
 }
-opaque!(tvdb_file, tvdb_grid, tvdb_writer);
+opaque!(tvdb_file, tvdb_grid, tvdb_mesh, tvdb_writer);
 
 /// Description of one grid; its strings live as long as the file handle.
 #[repr(C)]
@@ -86,6 +86,18 @@ unsafe extern "C" {
         err: *mut c_char,
         cap: usize,
     ) -> c_int;
+
+    pub fn tvdb_mesh_new(
+        grid: *const tvdb_grid,
+        isovalue: f64,
+        out: *mut *mut tvdb_mesh,
+        points: *mut usize,
+        quads: *mut usize,
+        err: *mut c_char,
+        cap: usize,
+    ) -> c_int;
+    pub fn tvdb_mesh_read(mesh: *const tvdb_mesh, xyz: *mut f32, quads4: *mut u32);
+    pub fn tvdb_mesh_free(mesh: *mut tvdb_mesh);
 
     pub fn tvdb_writer_new(out: *mut *mut tvdb_writer, err: *mut c_char, cap: usize) -> c_int;
     pub fn tvdb_writer_free(writer: *mut tvdb_writer);

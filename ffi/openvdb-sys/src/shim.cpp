@@ -11,6 +11,7 @@
 #include <openvdb/io/GridDescriptor.h>
 #include <openvdb/io/io.h>
 #include <openvdb/tools/Interpolation.h>
+#include <openvdb/tools/VolumeToMesh.h>
 
 #include <cmath>
 #include <cstring>
@@ -289,6 +290,11 @@ struct tvdb_grid {
     int channels = 0;
 };
 
+struct tvdb_mesh {
+    std::vector<vdb::Vec3s> points;
+    std::vector<vdb::Vec4I> quads;
+};
+
 struct tvdb_writer {
     vdb::GridPtrVec grids;
     // One of them, the last grid.
@@ -439,6 +445,38 @@ int tvdb_sample(const tvdb_grid* g, const double* xyz, size_t n, double* out, ch
             }
         });
     });
+}
+
+int tvdb_mesh_new(const tvdb_grid* g, double isovalue, tvdb_mesh** out, size_t* points, size_t* quads, char* err, size_t cap) {
+    return guard(err, cap, [&] {
+        auto mesh = std::make_unique<tvdb_mesh>();
+        bool known = false;
+        visit(*g->grid, [&](const auto& t) {
+            using G = std::decay_t<decltype(t)>;
+            if constexpr (std::is_floating_point_v<typename G::ValueType>) {
+                // The tree is shared; in index space nothing is rounded to float but the place in the cell.
+                typename G::Ptr at_home = vdb::gridPtrCast<G>(g->grid)->copy();
+                at_home->setTransform(vdb::math::Transform::createLinearTransform(1.0));
+                vdb::tools::volumeToMesh(*at_home, mesh->points, mesh->quads, isovalue);
+                known = true;
+            }
+        });
+        if (!known) throw Failure("only grids of floats and doubles have surfaces");
+        *points = mesh->points.size();
+        *quads = mesh->quads.size();
+        *out = mesh.release();
+    });
+}
+
+void tvdb_mesh_read(const tvdb_mesh* m, float* xyz, uint32_t* quads4) {
+    for (const vdb::Vec3s& p : m->points)
+        for (int c = 0; c < 3; ++c) *xyz++ = p[c];
+    for (const vdb::Vec4I& q : m->quads)
+        for (int c = 0; c < 4; ++c) *quads4++ = q[c];
+}
+
+void tvdb_mesh_free(tvdb_mesh* m) {
+    guard(nullptr, 0, [&] { delete m; });
 }
 
 int tvdb_writer_new(tvdb_writer** out, char* err, size_t cap) {

@@ -10,6 +10,7 @@ extern "C" {
 
 typedef struct tvdb_file tvdb_file;
 typedef struct tvdb_grid tvdb_grid;
+typedef struct tvdb_mesh tvdb_mesh;
 typedef struct tvdb_writer tvdb_writer;
 
 typedef struct {
@@ -49,6 +50,11 @@ int tvdb_leaf(const tvdb_grid*, size_t i, int32_t* origin3, uint64_t* active8, f
 int tvdb_tile(const tvdb_grid*, size_t i, int32_t* origin3, int32_t* size, float* value3, int32_t* active, char* err, size_t cap);
 // OpenVDB's own trilinear sampler at n world points; `out` has n * channels numbers.
 int tvdb_sample(const tvdb_grid*, const double* xyz, size_t n, double* out, char* err, size_t cap);
+
+// The surface on which a grid of floats or doubles has a value: points in index space, quadrilaterals.
+int tvdb_mesh_new(const tvdb_grid*, double isovalue, tvdb_mesh** out, size_t* points, size_t* quads, char* err, size_t cap);
+void tvdb_mesh_read(const tvdb_mesh*, float* xyz, uint32_t* quads4);
+void tvdb_mesh_free(tvdb_mesh*);
 
 int tvdb_writer_new(tvdb_writer** out, char* err, size_t cap);
 void tvdb_writer_free(tvdb_writer*);

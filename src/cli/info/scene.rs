@@ -191,6 +191,7 @@ fn shape_kind<R>(k: &ShapeKind<R>) -> &'static str {
     match k {
         ShapeKind::Obj(_) => "obj",
         ShapeKind::Ply(_) => "ply",
+        ShapeKind::LevelSet { .. } => "openvdb",
         ShapeKind::Sphere { .. } => "sphere",
         ShapeKind::Rectangle => "rectangle",
         ShapeKind::Cube => "cube",

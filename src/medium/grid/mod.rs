@@ -199,6 +199,16 @@ impl Grid {
         Some(self.frame.world_from_index * place)
     }
 
+    /// The box in which bricks answer as the image of the unit cube, and the cells along its edges; `None` where there are none.
+    pub fn unit_box(&self) -> Option<(DAffine3, [usize; 3])> {
+        if !self.lo.cmplt(self.hi).all() {
+            return None;
+        }
+        let (origin, size) = (DVec3::from(self.frame.origin.map(f64::from)), self.hi - self.lo);
+        let place = DAffine3::from_translation(origin + self.lo) * DAffine3::from_scale(size);
+        Some((self.frame.world_from_index * place, size.ceil().to_array().map(|n| n as usize)))
+    }
+
     /// Node window and fractional position of a point in table space; `None` outside of the box.
     #[inline(always)]
     fn locate(&self, q: DVec3) -> Option<(&[f32], DVec3)> {
