@@ -1,11 +1,8 @@
 //! From parts to a scene that can be rendered: files are loaded, Embree is built, media and lights get their tables.
 
 use super::beams::Beams;
-<<<<<<< HEAD
-use super::critical::Critical;
-=======
 use super::bright::Bright;
->>>>>>> glow
+use super::critical::Critical;
 use super::desc::SceneDesc;
 use super::geometry::Group;
 use super::parts::{
