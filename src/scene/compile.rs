@@ -36,7 +36,7 @@ const PATH_CAP: u64 = 50_000_000;
 /// See [`Scene::uniform_share`].
 pub(super) const UNIFORM_SHARE: f64 = 0.25;
 /// [`Scene::least_through`], where it is not 0.
-const LEAST_THROUGH: f64 = 0.5;
+const LEAST_THROUGH: f64 = 0.2;
 
 /// Derivative vertices take over from collision scores below this many collisions per extent of a medium.
 const KAPPA_SHARE: f64 = 0.3;

@@ -2,7 +2,8 @@
 //!
 //! Beside the critical angle what goes through an interface falls like q, the cosine of refraction, and its derivative by the index, or by anything that moves the vertex before or the interface,
 //! grows like 1/q ([T] section 9). Directions of a phase function meet q with the density `q dq`, so that the second moment of such a score grows like a logarithm of the number of samples:
-//! single paths rule. A share of directions is therefore drawn with a density ~ 1/q, in a balance heuristic with the others: the second moment is finite then.
+//! single paths rule. A share of directions is therefore drawn with a density ~ 1/q, in a balance heuristic with the others: the second moment is finite then. Pictures would only get noisier
+//! by that, so derivatives have paths of their own here ([`crate::transport::Sweep::sample`]).
 //!
 //! From a point x on the denser side the critical angle is a cone: by Snell's law `q² = 1 - s² (1-μ²)`, μ the cosine between the direction and an axis: of a plane its normal,
 //! `s = η`; of a sphere the line through its centre at the distance ρ, `s = η ρ/R` (all chords of a sphere through x at one angle with that line meet it at the same angle). With
@@ -21,9 +22,7 @@ use std::f64::consts::PI;
 
 /// Share of the first directions of a path that are drawn by cones; each later one has half of that of the one before: weights of hundreds of them would multiply, and
 /// light that scatters often leaves less to a single critical angle.
-const SHARE: f64 = 0.25;
-/// Below this `w` an interface is too weak: it reflects next to nothing but at grazing, and the many directions there would be noise to the picture.
-const WEAK: f64 = 0.03;
+const SHARE: f64 = 0.4;
 /// Directions behind which nothing is drawn by cones.
 const LAST: u32 = 5;
 /// More planes than this are left out: each would get too few directions.
@@ -103,18 +102,22 @@ impl Side {
                 Cone { axis, s: eta * (rho / radius), both: dense_inside }
             }
         };
-        (cone.s > 1.0 && cone.scale() > WEAK).then_some(cone)
+        (cone.s > 1.0 && cone.scale() > 0.0).then_some(cone)
     }
 }
 
 impl Critical {
-    /// Share of cones in the direction that follows `drawn` others; 0 where there are none.
-    fn share(&self, drawn: u32) -> f64 {
-        if self.0.is_empty() || drawn > LAST { 0.0 } else { SHARE * 0.5f64.powi(drawn as i32) }
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Share of cones in the direction that follows `drawn` others, on a path that has any; 0 where there are none.
+    fn share(&self, drawn: Option<u32>) -> f64 {
+        drawn.filter(|&k| k <= LAST && !self.0.is_empty()).map_or(0.0, |k| SHARE * 0.5f64.powi(k as i32))
     }
 
     /// A direction from x after `drawn` others, or `None`: then it is to be drawn as if there were no cones.
-    pub fn sample(&self, x: DVec3, drawn: u32, rng: &mut Rng) -> Option<DVec3> {
+    pub fn sample(&self, x: DVec3, drawn: Option<u32>, rng: &mut Rng) -> Option<DVec3> {
         let share = self.share(drawn);
         if share == 0.0 {
             return None;
@@ -126,7 +129,7 @@ impl Critical {
     }
 
     /// The density with which a direction from x is drawn, `own` being the one without cones.
-    pub fn density(&self, x: DVec3, drawn: u32, w: DVec3, own: f64) -> f64 {
+    pub fn density(&self, x: DVec3, drawn: Option<u32>, w: DVec3, own: f64) -> f64 {
         let share = self.share(drawn);
         if share == 0.0 {
             return own;
@@ -138,7 +141,7 @@ impl Critical {
 
     /// Of the weight f/p of a direction, what roulette must not see: else it would take away the many near the critical angles that were wanted. Where cones drew it, it sees f
     /// over the density of even directions instead.
-    pub fn hidden(&self, drawn: u32, f: f64, p: f64) -> f64 {
+    pub fn hidden(&self, drawn: Option<u32>, f: f64, p: f64) -> f64 {
         if self.share(drawn) == 0.0 {
             return 1.0;
         }
@@ -212,10 +215,10 @@ mod tests {
         let mut sums = [[0.0; 2]; 4];
         for _ in 0..n {
             let own = 0.25 / PI;
-            let drawn = c.sample(x, 0, &mut rng);
+            let drawn = c.sample(x, Some(0), &mut rng);
             let w = drawn.unwrap_or_else(|| warp::sphere(rng.uniform(), rng.uniform()));
             assert!((w.length() - 1.0).abs() < 1e-12);
-            let weight = own / c.density(x, 0, w, own);
+            let weight = own / c.density(x, Some(0), w, own);
             assert!(weight > 0.0 && weight < 1.0 / (1.0 - SHARE) + 1e-9, "{weight}");
             for (s, f) in sums.iter_mut().zip(functions) {
                 s[0] += weight * f(w);

@@ -265,7 +265,7 @@ pub struct Sweep<'a> {
 
 impl Sweep<'_> {
     /// Walk one camera path with a record and hand all its partials to `sink`. Returns the same value, from the same
-    /// random numbers, as [`super::sample`].
+    /// random numbers, as [`super::sample`]. Where derivatives ask for directions beside critical angles the recorded path is another one.
     pub fn sample(
         &self,
         mut state: State,
@@ -274,6 +274,10 @@ impl Sweep<'_> {
         sink: &mut impl Sink,
         tally: &mut Tally,
     ) -> Rgb {
+        let plain = (self.facts.moving.any() && !self.scene.critical.is_empty()).then(|| {
+            state.drawn = Some(0);
+            super::sample(self.scene, self.set, State { drawn: None, ..state.clone() }, tally)
+        });
         rec.chunk_starts.clear();
         rec.moving.clone_from(&self.facts.lights);
         state.aside = state.rng.beside(derivative.next_u64());
@@ -282,7 +286,7 @@ impl Sweep<'_> {
         let mut w = Walker::new(self.scene, self.set, rec);
         let s = camera_line::start(&mut w, state);
         w.run(s);
-        let value = w.value;
+        let value = plain.unwrap_or(w.value);
         *tally = tally.plus(&w.tally);
         let Some(mut candidates) = rec.candidates.take() else { return value };
         candidates.scan(self.scene, &rec.events);

@@ -21,7 +21,7 @@ pub struct Facing<'a> {
     pub id: u32,
     pub p: DVec3,
     /// Directions drawn before it.
-    drawn: u32,
+    drawn: Option<u32>,
     pub normals: Normals,
     /// Toward where the walk came from.
     pub wi: DVec3,

@@ -76,8 +76,8 @@ pub struct State {
     pub direct: bool,
     /// Of these the last ones.
     pub in_a_row: u32,
-    /// Directions drawn since the camera.
-    pub drawn: u32,
+    /// Directions drawn since the camera, on paths that look beside critical angles ([`crate::scene::critical`]).
+    pub drawn: Option<u32>,
     pub rng: Rng,
     /// A stream beside the path's own, for what only derivatives ask for.
     pub aside: Rng,
@@ -124,7 +124,7 @@ impl State {
             lead: None,
             direct: true,
             in_a_row: 0,
-            drawn: 0,
+            drawn: None,
             rng,
             aside: rng,
             steps: 0,
@@ -372,7 +372,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             s.beta *= f / s.pdf_direction;
             s.start *= critical.hidden(s.drawn, f, s.pdf_direction);
         }
-        s.drawn += 1;
+        s.drawn = s.drawn.map(|k| k + 1);
         s.w = w;
         s.on = On::default();
         s.stage = Stage::Fly;
@@ -467,7 +467,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             s.beta *= lobe.tint * (lobe.f / lobe.pdf);
             s.start *= critical.hidden(s.drawn, lobe.f, lobe.pdf);
         }
-        s.drawn += 1;
+        s.drawn = s.drawn.map(|k| k + 1);
         if R::ON {
             facing.event(w, None).into_iter().for_each(|e| self.rec.push(e));
         }
