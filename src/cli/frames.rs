@@ -57,7 +57,8 @@ impl Frame {
         let text = path.to_string_lossy();
         match self.number {
             Some(n) => Ok(frame::numbered(&text, n).map_or(path.into(), PathBuf::from)),
-            None if frame::has_pattern(&text) => Err(Error::usage(
+            // A file of that name is a file.
+            None if frame::has_pattern(&text) && !path.exists() => Err(Error::usage(
                 format!("`{option} {text}` has a place for a frame's number, and there is no frame"),
                 "give --frames, for example --frames 1-10; or a name without `#` and `{frame}`",
             )),

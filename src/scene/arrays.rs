@@ -1,6 +1,5 @@
 //! Arrays of numbers as parameters, named `object.array`: `bunny.vertices`, `smoke.sigma_t.grid`. A scene has slots for them once [`Scene::open`] was asked for it.
 
-use super::compile::UNIFORM_SHARE;
 use super::desc::{nearest, suggest};
 use super::parts::{Parts, ShapeKind, SurfacePart};
 use super::{Scene, SceneDesc};
@@ -168,7 +167,7 @@ impl Scene {
             let first = self.slots.push_array(Owner::Shape(index), &s.name, Quantity::Vertices, len);
             s.vertices = Some(first.ok_or_else(|| too_many(name, m.vertices.len()))?);
         }
-        self.uniform_share = UNIFORM_SHARE;
+        self.prepare_motion();
         Ok(())
     }
 

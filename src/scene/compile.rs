@@ -34,7 +34,7 @@ use std::sync::Arc;
 const PATH_CAP: u64 = 50_000_000;
 
 /// See [`Scene::uniform_share`].
-pub(super) const UNIFORM_SHARE: f64 = 0.25;
+const UNIFORM_SHARE: f64 = 0.25;
 /// [`Scene::least_through`], where it is not 0.
 const LEAST_THROUGH: f64 = 0.2;
 
@@ -143,14 +143,23 @@ impl Scene {
         scene.prepare_panes();
         scene.prepare_bright();
         if can_move(desc, &scene)? {
-            scene.uniform_share = UNIFORM_SHARE;
-        }
-        if scene.uniform_share > 0.0 || can_refract(desc)? {
-            scene.least_through = LEAST_THROUGH;
-            scene.prepare_critical();
+            scene.prepare_motion();
+        } else if can_refract(desc)? {
+            scene.prepare_refraction();
         }
         super::advice::advise(&mut scene, &parts);
         Ok(scene)
+    }
+
+    /// Choose directions so that the scores of motion have second moments.
+    pub(super) fn prepare_motion(&mut self) {
+        self.uniform_share = UNIFORM_SHARE;
+        self.prepare_refraction();
+    }
+
+    fn prepare_refraction(&mut self) {
+        self.least_through = LEAST_THROUGH;
+        self.prepare_critical();
     }
 
     /// The tangents of all scalar slots with respect to the named parameters, and the arrays among them, which must be open ([`Scene::open`]).

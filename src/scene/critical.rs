@@ -43,9 +43,29 @@ enum Side {
     },
 }
 
+/// A shape's interfaces.
+#[derive(Clone, Debug)]
+struct Body {
+    sides: Vec<Side>,
+    /// Index of the denser side over that of the other.
+    eta: f64,
+    /// Its denser side is behind all of its planes: seen from elsewhere they are out of reach.
+    is_within: bool,
+}
+
+impl Body {
+    fn faces(&self, x: DVec3) -> bool {
+        let behind = |s: &Side| matches!(*s, Side::Plane { p, n } if (x - p).dot(n) < 0.0);
+        !self.is_within || self.sides.iter().all(behind)
+    }
+}
+
 /// All interfaces that have a critical angle which is such a cone; empty where no parameter asks.
 #[derive(Clone, Debug, Default)]
-pub struct Critical(Vec<(Side, f64)>);
+pub struct Critical {
+    bodies: Vec<Body>,
+    sides: usize,
+}
 
 /// The cone of one interface at one point: axis, s, and whether both ends of the axis meet it.
 struct Cone {
@@ -107,13 +127,17 @@ impl Side {
 }
 
 impl Critical {
+    fn new(bodies: Vec<Body>) -> Self {
+        Critical { sides: bodies.iter().map(|b| b.sides.len()).sum(), bodies }
+    }
+
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.sides == 0
     }
 
     /// Share of cones in the direction that follows `drawn` others, on a path that has any; 0 where there are none.
     fn share(&self, drawn: Option<u32>) -> f64 {
-        drawn.filter(|&k| k <= LAST && !self.0.is_empty()).map_or(0.0, |k| SHARE * 0.5f64.powi(k as i32))
+        drawn.filter(|&k| k <= LAST && !self.is_empty()).map_or(0.0, |k| SHARE * 0.5f64.powi(k as i32))
     }
 
     /// A direction from x after `drawn` others, or `None`: then it is to be drawn as if there were no cones.
@@ -123,9 +147,14 @@ impl Critical {
             return None;
         }
         let (u, v, z, end) = (rng.uniform() / share, rng.uniform(), rng.uniform(), rng.uniform());
-        let k = u * self.0.len() as f64;
-        let (side, eta) = self.0.get(k as usize).filter(|_| u < 1.0)?;
-        side.cone(*eta, x).map(|c| c.sample(v, z, end))
+        let mut k = (u * self.sides as f64) as usize;
+        for b in &self.bodies {
+            if let Some(side) = b.sides.get(k) {
+                return side.cone(b.eta, x).filter(|_| b.faces(x)).map(|c| c.sample(v, z, end));
+            }
+            k -= b.sides.len();
+        }
+        None
     }
 
     /// The density with which a direction from x is drawn, `own` being the one without cones.
@@ -134,19 +163,17 @@ impl Critical {
         if share == 0.0 {
             return own;
         }
-        let each = share / self.0.len() as f64;
-        let cones = self.0.iter().filter_map(|(side, eta)| side.cone(*eta, x));
+        let each = share / self.sides as f64;
+        let bodies = self.bodies.iter().filter(|b| b.faces(x));
+        let cones = bodies.flat_map(|b| b.sides.iter().filter_map(|side| side.cone(b.eta, x)));
         own + cones.map(|c| each * (c.density(w) - own)).sum::<f64>()
     }
 
-    /// Of the weight f/p of a direction, what roulette must not see: else it would take away the many near the critical angles that were wanted. Where cones drew it, it sees f
-    /// over the density of even directions instead.
-    pub fn hidden(&self, drawn: Option<u32>, f: f64, p: f64) -> f64 {
-        if self.share(drawn) == 0.0 {
-            return 1.0;
-        }
-        let own = (f / p).min(1.0);
-        f / p / (own + (1.0 - own) * (4.0 * PI * f).min(1.0))
+    /// Of the weight `own / p` that cones bring about, what roulette must not see: else it would take away the many near the critical angles that were wanted. Where cones drew
+    /// the direction, it sees the density without them over that of even directions instead.
+    pub fn hidden(own: f64, p: f64) -> f64 {
+        let weight = (own / p).min(1.0);
+        weight / (weight + (1.0 - weight) * (4.0 * PI * own).min(1.0))
     }
 }
 
@@ -166,21 +193,23 @@ fn planes(shape: &Shape) -> Option<Vec<(DVec3, DVec3)>> {
     Some(planes)
 }
 
-fn sides(scene: &Scene, s: &Instance) -> Vec<(Side, f64)> {
-    let Surface::Dielectric { interior, exterior, .. } = scene.surfaces[s.surface as usize] else { return Vec::new() };
+fn body(scene: &Scene, s: &Instance) -> Option<Body> {
+    let Surface::Dielectric { interior, exterior, .. } = scene.surfaces[s.surface as usize] else { return None };
     let (dense_behind, eta) = (interior > exterior, (interior / exterior).max(exterior / interior));
     if eta == 1.0 {
-        return Vec::new();
+        return None;
     }
     match &s.shape {
         Shape::Sphere(q) => {
             let dense_inside = dense_behind != s.is_inside_out();
-            vec![(Side::Sphere { center: q.center, radius: q.radius, dense_inside }, eta)]
+            let side = Side::Sphere { center: q.center, radius: q.radius, dense_inside };
+            Some(Body { sides: vec![side], eta, is_within: false })
         }
-        Shape::Cylinder(_) => Vec::new(),
+        Shape::Cylinder(_) => None,
         flat => {
-            let planes = planes(flat).unwrap_or_default();
-            planes.into_iter().map(|(p, n)| (Side::Plane { p, n: if dense_behind { n } else { -n } }, eta)).collect()
+            let toward = |(p, n): (DVec3, DVec3)| Side::Plane { p, n: if dense_behind { n } else { -n } };
+            let sides = planes(flat)?.into_iter().map(toward).collect();
+            Some(Body { sides, eta, is_within: dense_behind })
         }
     }
 }
@@ -188,7 +217,7 @@ fn sides(scene: &Scene, s: &Instance) -> Vec<(Side, f64)> {
 impl Scene {
     /// List the interfaces; call when shapes and surfaces are known.
     pub fn prepare_critical(&mut self) {
-        self.critical = Critical(self.shapes.iter().flat_map(|s| sides(self, s)).collect());
+        self.critical = Critical::new(self.shapes.iter().filter_map(|s| body(self, s)).collect());
     }
 }
 
@@ -198,11 +227,14 @@ mod tests {
     use crate::math::rng::Purpose;
 
     fn critical() -> Critical {
-        Critical(vec![
+        let sides = [
             (Side::Plane { p: DVec3::ZERO, n: DVec3::Z }, 1.5),
             (Side::Sphere { center: DVec3::new(0.2, 0.0, -1.0), radius: 2.0, dense_inside: true }, 1.01),
             (Side::Sphere { center: DVec3::new(0.0, 3.0, -1.0), radius: 1.0, dense_inside: false }, 1.3),
-        ])
+        ];
+        Critical::new(
+            sides.map(|(s, eta)| Body { sides: vec![s], eta, is_within: matches!(s, Side::Plane { .. }) }).to_vec(),
+        )
     }
 
     /// Directions are drawn with the density that is said: means of functions equal their integrals. False alarm: 6e-7 each (5 s.e.).
@@ -235,7 +267,7 @@ mod tests {
     /// Without cones the score 1/q has a second moment that grows without bound; with them it is a number.
     #[test]
     fn scores_at_the_critical_angle_have_a_second_moment() {
-        let cone = critical().0[0].0.cone(1.5, -DVec3::Z).unwrap();
+        let cone = critical().bodies[0].sides[0].cone(1.5, -DVec3::Z).unwrap();
         let moment = |least: f64| {
             // ∫ dω f²/p q⁻² over q > least, f = 1/4π, by q: dω = 2π q dq / (s² μ).
             let (n, mut sum) = (200_000, 0.0);

@@ -6,6 +6,7 @@ use super::source::Attr;
 use super::transform::Op;
 use crate::error::{Error, Result, Span};
 use std::collections::HashMap;
+use std::path::Path;
 
 /// A number of the file.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -198,7 +199,7 @@ impl Params {
         let text = self.text(attr, place)?;
         match self.frame {
             Some(frame) => Ok(frame::numbered(&text, frame).unwrap_or(text)),
-            None if frame::has_pattern(&text) => Err(Error::scene(
+            None if frame::has_pattern(&text) && !Path::new(&text).exists() => Err(Error::scene(
                 &attr.span(),
                 format!("`{text}` has a place for a frame's number, and there is no frame"),
                 "give --frames to `render` or `grad`; for other commands write the number here, or a `$parameter` in place of the name",

@@ -3,10 +3,13 @@
 //! One vertex a cell that the surface passes, two triangles where four such cells share an edge that it crosses: closed where the surface does not leave the stored
 //! voxels, off by O(h²) in place, area and volume (h: the voxel's edge), by O(h) in its normals. The front is the outside of what it encloses.
 
-use super::TriangleMesh;
+use super::{Geometry, TriangleMesh};
 use crate::math::DVec3;
 use crate::native::vdb::{self, Select};
 use std::path::Path;
+
+/// OpenVDB's quads turn their front to smaller values of a level set, to larger ones of other grids.
+const OPENVDB_FACES_IN: bool = true;
 
 /// Without an isovalue the grid has to be a level set, and its surface is where it is 0.
 pub fn load(path: &Path, select: &Select, isovalue: Option<f64>) -> Result<TriangleMesh, String> {
@@ -40,7 +43,10 @@ pub fn load(path: &Path, select: &Select, isovalue: Option<f64>) -> Result<Trian
             a.dot(b.cross(c))
         })
         .sum();
+    eprintln!("ORIENT {} {volume}", info.class);
     let mesh = TriangleMesh::new(points, faces, None, None)?.rounded_to_f32();
-    let mesh = if volume < 0.0 { mesh.flip_normals() } else { mesh };
+    // Distances may be told either way round; of a sheet, which encloses nothing, OpenVDB's own rule holds.
+    let flips = if mesh.is_closed() { volume < 0.0 } else { OPENVDB_FACES_IN };
+    let mesh = if flips { mesh.flip_normals() } else { mesh };
     mesh.transformed(&info.world_from_index)
 }

@@ -27,7 +27,7 @@ struct Plane {
 #[derive(Clone, Debug)]
 pub struct Planes {
     planes: Vec<Plane>,
-    /// Index of refraction before each plane, and behind the last.
+    /// Index of refraction before each plane, and behind the last, relative to the first.
     index: Vec<f64>,
 }
 
@@ -38,7 +38,8 @@ impl Planes {
             return None;
         }
         let (mut planes, mut index) = (Vec::new(), Vec::new());
-        let mut now = None;
+        // Only ratios matter.
+        let mut now = 1.0;
         for s in chain {
             let shape = &scene.shapes[s.hit.shape as usize];
             if matches!(shape.shape, Shape::Sphere(_) | Shape::Cylinder(_)) {
@@ -47,22 +48,14 @@ impl Planes {
             let n = shape.shape.normal(s.hit.face, s.hit.p);
             let (x, y) = warp::frame(n);
             planes.push(Plane { p: s.hit.p, x, y });
-            let sides = match scene.surfaces[shape.surface as usize] {
-                Surface::Dielectric { interior, exterior, .. } if s.w.dot(n) < 0.0 => Some((exterior, interior)),
-                Surface::Dielectric { interior, exterior, .. } => Some((interior, exterior)),
-                _ => None,
-            };
-            if let (None, Some((before, _))) = (now, sides) {
-                // All segments before the first interface that tells.
-                index.iter_mut().for_each(|i| *i = before);
-                now = Some(before);
-            }
-            index.push(now.unwrap_or(1.0));
-            if let (true, Some((_, behind))) = (s.through, sides) {
-                now = Some(behind);
+            index.push(now);
+            if let (true, Surface::Dielectric { interior, exterior, .. }) =
+                (s.through, &scene.surfaces[shape.surface as usize])
+            {
+                now *= if s.w.dot(n) < 0.0 { interior / exterior } else { exterior / interior };
             }
         }
-        index.push(now.unwrap_or(1.0));
+        index.push(now);
         Some(Planes { planes, index })
     }
 

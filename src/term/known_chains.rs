@@ -10,12 +10,15 @@ use crate::math::DVec3;
 use crate::math::discrete::Discrete;
 use crate::math::rng::{Purpose, Rng};
 use crate::scene::Scene;
+use crate::transport::ray::Specular;
 use std::collections::HashMap;
 
 /// Random rays that look for chains.
 const RAYS: u64 = 1 << 13;
 /// Chains at most: those that were met most often.
 const CHAINS: usize = 64;
+/// How near to each other two rays are the same.
+const SAME: f64 = 1e-6;
 /// Samples at least for chains that are known, and for others.
 const EITHER: f64 = 0.15;
 
@@ -35,8 +38,16 @@ pub struct KnownChains {
     pub share: f64,
 }
 
+/// Whether planes give back the ray that a chain was met by.
+fn finds(planes: &Planes, eye: &Eye, start: Start, chain: &[Specular]) -> bool {
+    let Some(last) = chain.last() else { return false };
+    let e = last.hit.p + last.out * (last.hit.p - start.o).length();
+    let near = |f: Start| (f.w - start.w).length() + (f.o - start.o).length() / (e - start.o).length() <= SAME;
+    planes.ray(eye, start.o, e).is_some_and(near)
+}
+
 impl KnownChains {
-    pub fn find(scene: &Scene, place: &Place, random: impl Fn(&mut Rng) -> Option<Start>) -> KnownChains {
+    pub fn find(scene: &Scene, eye: &Eye, place: &Place, random: impl Fn(&mut Rng) -> Option<Start>) -> KnownChains {
         let mut found: HashMap<Vec<Step>, (usize, Chain)> = HashMap::new();
         let mut rng = Rng::keyed(0, Purpose::Motion as u64, 4, 0);
         let mut all = 0u32;
@@ -44,7 +55,7 @@ impl KnownChains {
             let Some(start) = random(&mut rng) else { continue };
             let Some(chain) = shot::random_chain(scene, start, place, &mut rng) else { continue };
             all += 1;
-            let Some(planes) = Planes::of(scene, &chain) else { continue };
+            let Some(planes) = Planes::of(scene, &chain).filter(|p| finds(p, eye, start, &chain)) else { continue };
             let steps: Vec<Step> = chain.iter().map(Step::of).collect();
             let new = || (0, Chain { steps: steps.clone(), planes, o: start.o });
             found.entry(steps.clone()).or_insert_with(new).0 += 1;

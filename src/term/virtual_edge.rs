@@ -183,7 +183,7 @@ impl VirtualEdge {
             all: with_balls(lengths.clone()),
             smooth: with_balls((0..edges.len()).map(smooth).collect()),
             by_area: Discrete::new(interfaces.iter().map(area)),
-            known: KnownChains::find(scene, &camera_place(sensor), film_ray(sensor, margin)),
+            known: KnownChains::find(scene, &camera_eye(sensor), &camera_place(sensor), film_ray(sensor, margin)),
             edges,
             balls,
             interfaces,

@@ -156,7 +156,7 @@ fn side_estimates<R: Recorder>(
             let p = piece.span.o + piece.span.w * t;
             let weight = prefix * before * weight;
             let density = piece.forced_density(w.scene, total, t).mean() * share.scatter;
-            let flight = Flight { span: Some(piece.span), density, reach: None };
+            let flight = Flight { span: Some(piece.span), density, reach: None, drawn: s.drawn };
             let (medium, depth) = (piece.span.medium, s.depth);
             w.rec.push(Event::Candidate { medium, p, w: piece.span.w, weight, flight, depth });
         } else if piece.span.t1 == f64::INFINITY {
@@ -190,7 +190,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
     }
     s.hero = hero;
     s.start = before * total.map(|t| -(-t).exp_m1()).max() / p;
-    s.flight = Flight { span: Some(piece.span), density: density.mean() * p, reach: None };
+    s.flight = Flight { span: Some(piece.span), density: density.mean() * p, reach: None, drawn: s.drawn };
     if R::ON {
         for q in &pieces[..k] {
             w.rec.push(Event::Span { span: q.span, prefix: None });

@@ -66,7 +66,7 @@ pub(super) fn walked<R: Recorder>(
         let p = span.o + span.w * u;
         let tau = if m.is_homogeneous() { s.tau + m.sigma_t * u } else { s.tau };
         let share = walked_share(w.scene, span.medium, p, s, tau) * factor;
-        let weight = tracking::point_weight(m, span, u, beta, r) * share;
+        let weight = tracking::point_weight(m, span, u, beta, r, past.map_or(0.0, |_| m.kappa)) * share;
         emit(w, &[], *span, u, weight, s.depth, None);
     }
 }
@@ -84,7 +84,7 @@ pub(super) fn on_line<R: Recorder>(
     let span = part.span;
     let m = &w.scene.media[span.medium as usize];
     let (lo, hi) = m.glow_range(span.o, span.w, span.t0, span.t1);
-    if hi <= lo || w.set.max_depth == 0 {
+    if hi <= lo {
         return;
     }
     let within = MediumSpan { t0: lo, t1: hi, ..span };
@@ -155,7 +155,7 @@ fn emit<R: Recorder>(
     order: u32,
     connection: Option<(u32, Option<(u32, f64)>)>,
 ) -> Option<Rgb> {
-    if order < w.set.min_order {
+    if order < w.set.min_order || w.set.max_depth == 0 {
         return None;
     }
     let p = span.o + span.w * t;

@@ -71,6 +71,7 @@ pub struct Prefix {
     pub t_end: f64,
     /// How the span's direction was drawn.
     pub reach: Option<(DVec3, f64)>,
+    pub drawn: Option<u32>,
 }
 
 /// What a path ends on, as far as motion asks.

@@ -15,7 +15,7 @@ use crate::surface::{Ray, Surface};
 
 /// Interfaces in a row before paths begin to be given up: mirrors that face each other hold light for ever.
 const IN_A_ROW: u32 = 64;
-/// The least probability of going on through an interface, on paths that look beside critical angles: there it divides the scores.
+/// The least probability of going on through the first interface behind a vertex, on paths that look beside critical angles: there it divides the scores.
 const LEAST_THROUGH: f64 = 0.5;
 /// Of them then go on at each.
 const SURVIVE: f64 = 0.95;
@@ -76,7 +76,9 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         }
         [Some(mirrored), Some(refracted)] => {
             let f = mirrored.weight.mean();
-            let least = if s.drawn.is_some() { LEAST_THROUGH } else { w.scene.least_through };
+            // Fewer at each further one, or weights of light that goes round in a block would multiply without bound.
+            let beside = LEAST_THROUGH * 0.5f64.powi(s.in_a_row.saturating_sub(1).min(64) as i32);
+            let least = if s.drawn.is_some() { beside } else { w.scene.least_through };
             let f = f.min(1.0 - least);
             if s.rng.uniform() < f {
                 follow(s, &mirrored, f, false);

@@ -202,8 +202,12 @@ impl Candidates {
         let m = &self.facts.media[span.medium as usize].model;
         let weight = super::tracking::walked_weight(m, span, t, prefix.beta, prefix.r) * length;
         let whole = MediumSpan { t1: prefix.t_end, ..*span };
-        let flight =
-            Flight { span: Some(whole), density: super::tracking::flight_density(m, &whole, t), reach: prefix.reach };
+        let flight = Flight {
+            span: Some(whole),
+            density: super::tracking::flight_density(m, &whole, t),
+            reach: prefix.reach,
+            drawn: prefix.drawn,
+        };
         self.medium(span.medium, span.o + span.w * t, span.w, weight, prefix.depth, flight);
     }
 
@@ -276,7 +280,7 @@ impl Sweep<'_> {
     ) -> Rgb {
         let plain = (self.facts.moving.any() && !self.scene.critical.is_empty()).then(|| {
             state.drawn = Some(0);
-            super::sample(self.scene, self.set, State { drawn: None, ..state.clone() }, tally)
+            super::sample(self.scene, self.set, State { drawn: None, ..state.clone() }, &mut Tally::default())
         });
         rec.chunk_starts.clear();
         rec.moving.clone_from(&self.facts.lights);
@@ -502,7 +506,9 @@ impl Sweep<'_> {
         let mut w = Walker::new(self.scene, self.set, &mut rec);
         match vertex {
             Vertex::Medium { medium, p, w: direction, flight } => {
-                s = State { stage: Stage::Medium, flight, o: p, w: direction, medium: Some(medium), ..s };
+                // Directions as the connections know them that it shares the point with.
+                let drawn = flight.drawn;
+                s = State { stage: Stage::Medium, flight, drawn, o: p, w: direction, medium: Some(medium), ..s };
                 w.run(s);
                 let m = &self.scene.media[medium as usize];
                 let (_, sigma_s) = m.coefficients(p);

@@ -160,8 +160,8 @@ pub fn walked_weight(m: &Medium, span: &MediumSpan, t: f64, beta: Rgb, r: Rgb) -
 }
 
 /// `beta T / mean(r T (sigma_t + kappa))` at abscissa `t` of a span: [`super::glow`].
-pub fn point_weight(m: &Medium, span: &MediumSpan, t: f64, beta: Rgb, r: Rgb) -> Rgb {
-    let sigma = m.coefficients(span.o + span.w * t).0 + Rgb::splat(m.kappa);
+pub fn point_weight(m: &Medium, span: &MediumSpan, t: f64, beta: Rgb, r: Rgb, kappa: f64) -> Rgb {
+    let sigma = m.coefficients(span.o + span.w * t).0 + Rgb::splat(kappa);
     if m.gray {
         return beta * (1.0 / (r.mean() * sigma[0]));
     }

@@ -4,6 +4,7 @@ use super::record::{Event, Recorder};
 use super::walk::State;
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
+use crate::scene::critical::Critical;
 use crate::scene::{Hit, On, Scene};
 use crate::surface::{Lobe, Normals, Surface};
 
@@ -53,6 +54,15 @@ impl<'a> Facing<'a> {
     pub fn lobe(&self, scene: &Scene, w: DVec3) -> Lobe {
         let lobe = self.surface.eval(self.normals, self.wi, w, scene.uniform_share);
         Lobe { pdf: scene.critical.density(self.p, self.drawn, w, lobe.pdf), ..lobe }
+    }
+
+    /// [`Critical::hidden`] of a direction that was drawn with the density `pdf`.
+    pub fn hidden(&self, scene: &Scene, w: DVec3, pdf: f64) -> f64 {
+        if self.drawn.is_none() {
+            return 1.0;
+        }
+        let own = self.surface.eval(self.normals, self.wi, w, scene.uniform_share).pdf;
+        if own == pdf { 1.0 } else { Critical::hidden(own, pdf) }
     }
 
     /// Go on along `w` from here.

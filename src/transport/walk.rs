@@ -16,6 +16,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
 use crate::phase::one_minus_cos;
+use crate::scene::critical::Critical;
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::surface::{Lobe, Surface};
 use std::sync::Arc;
@@ -93,6 +94,8 @@ pub struct Flight {
     /// The vertex that the span's direction was drawn at, and its density per solid angle; `None` on a camera line, whose
     /// direction nothing else draws.
     pub reach: Option<(DVec3, f64)>,
+    /// [`State::drawn`] there.
+    pub drawn: Option<u32>,
 }
 
 impl State {
@@ -235,7 +238,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 Some(t) => {
                     let weighs = scene.weighs_flights();
                     let density = if weighs { tracking::flight_density(medium, &span, t) } else { 0.0 };
-                    s.flight = Flight { span: Some(span), density, reach: s.reach() };
+                    s.flight = Flight { span: Some(span), density, reach: s.reach(), drawn: s.drawn };
                     self.walked(s, span, t, true, beta, r);
                     self.collide(s, t);
                 }
@@ -275,7 +278,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         if R::ON {
             let t_end = span.t1;
             let span = span.until(t);
-            let prefix = Prefix { beta, r, depth: s.depth, t_end, reach: s.reach() };
+            let prefix = Prefix { beta, r, depth: s.depth, t_end, reach: s.reach(), drawn: s.drawn };
             self.rec.push(Event::Span { span, prefix: Some(prefix) });
         }
     }
@@ -368,9 +371,10 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
         let f = medium.phase.eval(m);
         s.pdf_direction = critical.density(s.o, s.drawn, w, f);
+        // Weights that cones bring about: roulette must not take away the directions that were wanted.
         if s.pdf_direction != f {
             s.beta *= f / s.pdf_direction;
-            s.start *= critical.hidden(s.drawn, f, s.pdf_direction);
+            s.start *= Critical::hidden(f, s.pdf_direction);
         }
         s.drawn = s.drawn.map(|k| k + 1);
         s.w = w;
@@ -429,7 +433,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         s.on = near;
         s.flight = Flight::default();
         if R::ON {
-            let prefix = Prefix { beta: s.beta, r: s.r, depth: k - 1, t_end: 0.0, reach: None };
+            let prefix = Prefix { beta: s.beta, r: s.r, depth: k - 1, t_end: 0.0, reach: None, drawn: None };
             self.rec.push(Event::Surface { surface: shape.surface, hit, wi, medium: s.medium, prefix });
         }
         match surface {
@@ -465,7 +469,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         };
         if uniform > 0.0 || self.scene.least_through > 0.0 || matches!(surface, Surface::Rough(_)) {
             s.beta *= lobe.tint * (lobe.f / lobe.pdf);
-            s.start *= critical.hidden(s.drawn, lobe.f, lobe.pdf);
+            s.start *= facing.hidden(self.scene, w, lobe.pdf);
         }
         s.drawn = s.drawn.map(|k| k + 1);
         if R::ON {

@@ -454,7 +454,7 @@ int tvdb_mesh_new(const tvdb_grid* g, double isovalue, tvdb_mesh** out, size_t* 
         visit(*g->grid, [&](const auto& t) {
             using G = std::decay_t<decltype(t)>;
             if constexpr (std::is_floating_point_v<typename G::ValueType>) {
-                // The tree is shared; in index space nothing is rounded to float but the place in the cell.
+                // The tree is shared; in index space places are rounded to floats: a thousandth of a voxel at index 10^4.
                 typename G::Ptr at_home = vdb::gridPtrCast<G>(g->grid)->copy();
                 at_home->setTransform(vdb::math::Transform::createLinearTransform(1.0));
                 vdb::tools::volumeToMesh(*at_home, mesh->points, mesh->quads, isovalue);
