@@ -43,7 +43,6 @@ pub fn load(path: &Path, select: &Select, isovalue: Option<f64>) -> Result<Trian
             a.dot(b.cross(c))
         })
         .sum();
-    eprintln!("ORIENT {} {volume}", info.class);
     let mesh = TriangleMesh::new(points, faces, None, None)?.rounded_to_f32();
     // Distances may be told either way round; of a sheet, which encloses nothing, OpenVDB's own rule holds.
     let flips = if mesh.is_closed() { volume < 0.0 } else { OPENVDB_FACES_IN };

@@ -15,12 +15,25 @@ use crate::transport::ray::Specular;
 /// Planes of a chain at most.
 pub const PLANES: usize = 8;
 const UNKNOWNS: usize = 2 * PLANES;
+/// Softness of distances in falling order, over the size of the chain.
+const SOFT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
+/// Segments as short as this, with distances as soft as the last, vanish.
+const KINK: f64 = 1e-3;
 
 #[derive(Clone, Copy, Debug)]
 struct Plane {
     p: DVec3,
     x: DVec3,
     y: DVec3,
+}
+
+/// What there is by a chain to a point.
+#[derive(Clone, Copy, Debug)]
+pub enum Way {
+    Ray(Start),
+    None,
+    /// The iteration ended nowhere.
+    Lost,
 }
 
 /// A chain of flat faces, without their borders.
@@ -59,8 +72,8 @@ impl Planes {
         Some(Planes { planes, index })
     }
 
-    /// The eye's ray to e; `o`: where one of its rays starts. `None` where the iteration ends nowhere.
-    pub fn ray(&self, eye: &Eye, o: DVec3, e: DVec3) -> Option<Start> {
+    /// The eye's ray to e; `o`: where one of its rays starts.
+    pub fn ray(&self, eye: &Eye, o: DVec3, e: DVec3) -> Way {
         let k = self.planes.len();
         let size = (e - o).length() + self.planes.iter().map(|p| (p.p - o).length()).sum::<f64>();
         let mut q = [0.0; UNKNOWNS];
@@ -68,45 +81,71 @@ impl Planes {
             let off = o.lerp(e, (i as f64 + 1.0) / (k as f64 + 1.0)) - p.p;
             (q[2 * i], q[2 * i + 1]) = (off.dot(p.x), off.dot(p.y));
         }
-        let mut length = self.length(eye, o, e, &q);
-        for _ in 0..200 {
-            let (gradient, mut hessian) = self.slopes(eye, o, e, &q)?;
-            let by = solve(&mut hessian, gradient, 2 * k)?;
-            let step = by[..2 * k].iter().map(|b| b * b).sum::<f64>().sqrt();
-            let falls: f64 = (0..2 * k).map(|i| gradient[i] * by[i]).sum();
-            let moved = |t: f64| std::array::from_fn(|i| q[i] - t * by[i]);
-            let better = (0..40).map(|h| 0.5f64.powi(h)).find_map(|t| {
-                let next: [f64; UNKNOWNS] = moved(t);
-                let l = self.length(eye, o, e, &next);
-                (l < length - 1e-4 * t * falls).then_some((next, l))
-            });
-            match better {
-                Some(next) => (q, length) = next,
-                // As short as rounding can tell: the step itself is still good where it is short.
-                None if step <= 1e-4 * size => {
-                    q = moved(1.0);
-                    break;
-                }
-                None => return None,
+        // Where planes meet, distances may vanish and their sum has a kink that holds the iteration up. Softened ones, `√(d² + ε²)`, are convex and have none: then ε falls.
+        // Where the least way has a segment of no length light takes no way at all.
+        let begin = q;
+        let mut found = self.descend(eye, o, e, &mut q, 0.0, size);
+        if !found {
+            q = begin;
+            for soft in SOFT {
+                self.descend(eye, o, e, &mut q, soft * size, size);
             }
-            if step <= 1e-13 * size {
-                break;
+            let soft = q;
+            found = self.descend(eye, o, e, &mut q, 0.0, size);
+            let length = |i: usize| {
+                let (a, b) = self.segment(eye, o, e, &soft, i);
+                (b - a).length()
+            };
+            if !found {
+                return if (1..=k).any(|i| length(i) <= KINK * size) { Way::None } else { Way::Lost };
             }
         }
         let first = self.point(0, &q);
         match eye {
-            Eye::Point(_) => Some(Start { o, w: (first - o).try_normalize()? }),
-            Eye::Parallel(w) => Some(Start { o: first - *w * (first - o).dot(*w), w: *w }),
+            Eye::Point(_) => (first - o).try_normalize().map_or(Way::None, |w| Way::Ray(Start { o, w })),
+            Eye::Parallel(w) => Way::Ray(Start { o: first - *w * (first - o).dot(*w), w: *w }),
         }
     }
 
-    fn point(&self, i: usize, q: &[f64; UNKNOWNS]) -> DVec3 {
+    /// Newton's method from `q`; whether it ends anywhere.
+    fn descend(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector, soft: f64, size: f64) -> bool {
+        let n = 2 * self.planes.len();
+        let mut length = self.length(eye, o, e, q, soft);
+        for _ in 0..200 {
+            let Some((gradient, mut hessian)) = self.slopes(eye, o, e, q, soft) else { return false };
+            let Some(by) = solve(&mut hessian, gradient, n) else { return false };
+            let step = by[..n].iter().map(|b| b * b).sum::<f64>().sqrt();
+            let falls: f64 = (0..n).map(|i| gradient[i] * by[i]).sum();
+            let from = *q;
+            let moved = |t: f64| -> Vector { std::array::from_fn(|i| from[i] - t * by[i]) };
+            let better = (0..40).map(|h| 0.5f64.powi(h)).find_map(|t| {
+                let next = moved(t);
+                let l = self.length(eye, o, e, &next, soft);
+                (l < length - 1e-4 * t * falls).then_some((next, l))
+            });
+            match better {
+                Some(next) => (*q, length) = next,
+                // As short as rounding can tell: the step itself is still good where it is short.
+                None if step <= 1e-4 * size => {
+                    *q = moved(1.0);
+                    return true;
+                }
+                None => return false,
+            }
+            if step <= 1e-13 * size {
+                return true;
+            }
+        }
+        false
+    }
+
+    fn point(&self, i: usize, q: &Vector) -> DVec3 {
         let p = &self.planes[i];
         p.p + p.x * q[2 * i] + p.y * q[2 * i + 1]
     }
 
     /// Both ends of the i-th segment; the first of parallel rays starts beside where it ends.
-    fn segment(&self, eye: &Eye, o: DVec3, e: DVec3, q: &[f64; UNKNOWNS], i: usize) -> (DVec3, DVec3) {
+    fn segment(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector, i: usize) -> (DVec3, DVec3) {
         let to = if i == self.planes.len() { e } else { self.point(i, q) };
         match (i, eye) {
             (0, Eye::Point(_)) => (o, to),
@@ -115,12 +154,12 @@ impl Planes {
         }
     }
 
-    fn length(&self, eye: &Eye, o: DVec3, e: DVec3, q: &[f64; UNKNOWNS]) -> f64 {
+    fn length(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector, soft: f64) -> f64 {
         let segment = |i: usize| {
             let (a, b) = self.segment(eye, o, e, q, i);
             let long = match (i, eye) {
                 (0, Eye::Parallel(w)) => (b - o).dot(*w),
-                _ => (b - a).length(),
+                _ => (b - a).length().hypot(soft),
             };
             self.index[i] * long
         };
@@ -128,7 +167,7 @@ impl Planes {
     }
 
     /// Gradient and Hessian of the optical length.
-    fn slopes(&self, eye: &Eye, o: DVec3, e: DVec3, q: &[f64; UNKNOWNS]) -> Option<(Vector, Matrix)> {
+    fn slopes(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector, soft: f64) -> Option<(Vector, Matrix)> {
         let k = self.planes.len();
         let (mut g, mut h) = ([0.0; UNKNOWNS], [[0.0; UNKNOWNS]; UNKNOWNS]);
         for (i, &n) in self.index.iter().enumerate() {
@@ -136,7 +175,13 @@ impl Planes {
             let straight = i == 0 && matches!(eye, Eye::Parallel(_));
             let (u, bend) = match (straight, eye) {
                 (true, Eye::Parallel(w)) => (*w, 0.0),
-                _ => ((b - a).try_normalize()?, n / (b - a).length()),
+                _ => {
+                    let d = (b - a).length().hypot(soft);
+                    if d == 0.0 {
+                        return None;
+                    }
+                    ((b - a) / d, n / d)
+                }
             };
             // The planes at its ends, with the sign of what the distance does.
             let ends = [i.checked_sub(1).map(|j| (j, -1.0)), (i < k).then_some((i, 1.0))];
@@ -205,11 +250,22 @@ mod tests {
             ],
             index: vec![1.0, 1.5, 1.5, 1.0],
         };
+        // In at one side of a block, mirrored at another that meets it, out at the far side.
+        let side = DVec3::new(0.0, 0.2, 0.0);
+        let block = Planes {
+            planes: vec![plane(DVec3::X, DVec3::X), plane(side, DVec3::Y), plane(DVec3::X * 1.3, DVec3::X)],
+            index: vec![1.0, 1.5, 1.5, 1.0],
+        };
         let o = DVec3::new(-1.0, 0.2, 0.1);
-        let eyes = [Eye::Point(o), Eye::Parallel(DVec3::new(1.0, 0.1, 0.05).normalize())];
-        for (chain, e) in [(&prism, DVec3::new(4.0, 0.6, -0.3)), (&mirror, DVec3::new(-2.0, 0.9, 0.4))] {
+        let chains = [
+            (&prism, o, DVec3::new(4.0, 0.6, -0.3)),
+            (&mirror, o, DVec3::new(-2.0, 0.9, 0.4)),
+            (&block, DVec3::new(-1.0, -0.2, 0.1), DVec3::new(4.0, -0.9, -0.3)),
+        ];
+        for (chain, o, e) in chains {
+            let eyes = [Eye::Point(o), Eye::Parallel(DVec3::new(1.0, 0.1, 0.05).normalize())];
             for eye in &eyes {
-                let start = chain.ray(eye, o, e).unwrap();
+                let Way::Ray(start) = chain.ray(eye, o, e) else { panic!() };
                 // Walk it.
                 let (mut at, mut w) = (start.o, start.w);
                 for (i, p) in chain.planes.iter().enumerate() {

@@ -3,7 +3,7 @@
 //! By a chain of planes there is at most one ray to a point ([`super::fermat`]), so that a sample which chooses the chain knows its probability. Chains that are not listed, because they
 //! bend at spheres, are long, or see little, are left to chance ([`super::shot::draw`]).
 
-use super::fermat::Planes;
+use super::fermat::{Planes, Way};
 use super::shot::Eye;
 use super::shot::{self, Place, Shot, Start, Step};
 use crate::math::DVec3;
@@ -11,6 +11,7 @@ use crate::math::discrete::Discrete;
 use crate::math::rng::{Purpose, Rng};
 use crate::scene::Scene;
 use crate::transport::ray::Specular;
+use std::cell::Cell;
 use std::collections::HashMap;
 
 /// Random rays that look for chains.
@@ -43,7 +44,7 @@ fn finds(planes: &Planes, eye: &Eye, start: Start, chain: &[Specular]) -> bool {
     let Some(last) = chain.last() else { return false };
     let e = last.hit.p + last.out * (last.hit.p - start.o).length();
     let near = |f: Start| (f.w - start.w).length() + (f.o - start.o).length() / (e - start.o).length() <= SAME;
-    planes.ray(eye, start.o, e).is_some_and(near)
+    matches!(planes.ray(eye, start.o, e), Way::Ray(found) if near(found))
 }
 
 impl KnownChains {
@@ -74,11 +75,26 @@ impl KnownChains {
         self.list.iter().any(|c| c.steps == steps)
     }
 
-    /// The shot to e by a chain that `u` chooses, with the probability of that.
-    pub fn shoot(&self, scene: &Scene, eye: &Eye, place: &Place, e: DVec3, u: f64) -> Option<(Shot, f64)> {
+    /// The shot to e by a chain that `u` chooses, with the probability of that. `lost` counts chains whose ray to e was not found, wherever it goes.
+    pub fn shoot(
+        &self,
+        scene: &Scene,
+        eye: &Eye,
+        place: &Place,
+        e: DVec3,
+        u: f64,
+        lost: &Cell<u64>,
+    ) -> Option<(Shot, f64)> {
         let (k, probability, _) = self.by_rays.sample(u);
         let chain = &self.list[k];
-        let start = chain.planes.ray(eye, chain.o, e)?;
+        let start = match chain.planes.ray(eye, chain.o, e) {
+            Way::Ray(start) => start,
+            Way::None => return None,
+            Way::Lost => {
+                lost.set(lost.get() + 1);
+                return None;
+            }
+        };
         shot::by(scene, eye, start, place, &chain.steps, e).map(|s| (s, probability))
     }
 }

@@ -31,6 +31,7 @@ use crate::surface::Surface;
 use crate::transport::first::FilmLine;
 use crate::transport::ray::MovingRay;
 use crate::transport::walk::Stage;
+use std::cell::Cell;
 use std::sync::Arc;
 
 pub const NAME: &str = "virtual_edge";
@@ -456,14 +457,16 @@ impl Room for VirtualEdge {
         };
         let start = |cx: &Context, _: DVec3| cx.moving.film_ray().clone();
         let share = self.known.share;
+        let lost = Cell::new(0);
         let aim = |rng: &mut Rng, e: DVec3| {
             if lead[1] < share {
-                let (shot, p) = self.known.shoot(scene, &eye, &place, e, lead[1] / share)?;
+                let (shot, p) = self.known.shoot(scene, &eye, &place, e, lead[1] / share, &lost)?;
                 return Some(Aimed::Known(shot, share * p));
             }
             shot::draw(scene, &eye, &place, e, rng, &random, &self.known).map(|d| Aimed::Drawn(d, 1.0 - share))
         };
         let found = self.through(cx, &eye, &place, start, lead[0], 0, rng, &random, aim, begins);
+        cx.tally.missed_boundary += lost.get();
         if let Some((flux, film, partials)) = found {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 0.0, outward: 1.0 });
         }
