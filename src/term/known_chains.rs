@@ -64,9 +64,12 @@ impl KnownChains {
         let mut list: Vec<_> = found.into_values().collect();
         list.sort_by(|a, b| b.0.cmp(&a.0).then_with(|| a.1.steps.cmp(&b.1.steps)));
         list.truncate(CHAINS);
-        let by_rays = Discrete::new(list.iter().map(|c| c.0 as f64));
+        let rays: usize = list.iter().map(|c| c.0).sum();
+        // Half by what they cover, half alike: by narrow ones edges may move as fast.
+        let alike = rays as f64 / list.len().max(1) as f64;
+        let by_rays = Discrete::new(list.iter().map(|c| c.0 as f64 + alike));
         // As often as rays meet them, but never to the exclusion of either.
-        let share = (by_rays.total / f64::from(all.max(1))).clamp(EITHER, 1.0 - EITHER);
+        let share = (rays as f64 / f64::from(all.max(1))).clamp(EITHER, 1.0 - EITHER);
         let share = if list.is_empty() { 0.0 } else { share };
         KnownChains { list: list.into_iter().map(|c| c.1).collect(), by_rays, share }
     }
