@@ -239,7 +239,7 @@ mod tests {
         let (p, x) = (DVec3::new(0.3, 0.2, 1.2), DVec3::new(-0.2, 0.1, -0.8));
         let surface = Surface::Dielectric { interior: 1.33, exterior: 1.0, slot: 0 };
         let pane = Pane { shape: 0, face: 0, p: DVec3::ZERO, n: DVec3::Z };
-        let r = reach(&surface, &pane, Origin::Position(V3::constant(p)), V3::constant(x)).unwrap();
+        let r: Reach<f64> = reach(&surface, &pane, Origin::Position(V3::constant(p)), V3::constant(x)).unwrap();
         let (at, before, behind) = (r.at.value(), r.before.value(), r.behind.value());
         assert!((at - DVec3::new(-0.03497444, 0.13300511, 0.0)).length() < 1e-8, "{at:?}");
         let f = Interface::new(-before.z, 1.0, 1.33).reflectance();
@@ -266,7 +266,7 @@ mod tests {
     fn reaches_in_motion() {
         let pane = Pane { shape: 0, face: 0, p: DVec3::new(0.1, 0.0, 0.2), n: DVec3::new(0.2, -0.1, 1.0).normalize() };
         let glass = Surface::Dielectric { interior: 1.5, exterior: 1.0, slot: 0 };
-        let (eta, k) = (Rgb::new(0.2, 0.9, 1.2), Rgb::splat(2.5));
+        let (eta, k) = (Rgb([0.2, 0.9, 1.2]), Rgb::splat(2.5));
         let metal = Surface::Conductor { eta, k, two_sided: true, slot: 0 };
         let light = DVec3::new(0.4, -0.3, 1.4);
         let below = light - pane.n * ((light - pane.p).dot(pane.n) + 0.7);
