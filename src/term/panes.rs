@@ -8,14 +8,14 @@
 //!   Both are images of convex sets: corners of boxes decide.
 //! * Everything opaque is a rectangle with all of P and Q on one side of its plane, and lights at infinity too: no segment of a connection passes it.
 //!
-//! Media in closed shapes, and grids, are boxes in P. One medium may go on without end behind the face where nothing else is and the camera sees it through the face, or stands in it: P ends where light
+//! Media in cubes and spheres, and grids, are boxes in P. One medium may go on without end behind the face where nothing else is and the camera sees it through the face, or stands in it: P ends where light
 //! that has gone so far is less than e^-40 of what it was. No other medium may touch the light: beside it connections by way of the face would need [`crate::transport::beside`].
 //! Turning a spot, or opening it, moves no shadow: it asks for nothing of this.
 
 use super::{Motion, ends};
 use crate::error::{Error, Result, Span};
 use crate::light::{Light, LightKind};
-use crate::math::{DVec3, Rgb, V3};
+use crate::math::{DVec2, DVec3, Rgb, V3};
 use crate::scene::panes::Pane;
 use crate::scene::{Instance, Scene, beams};
 use crate::sensor::Sensor;
@@ -87,18 +87,22 @@ fn places(scene: &Scene, sensor: &Sensor, margin: f64, pane: &Pane) -> Result<Ve
             places.extend(g.world_bounds().into_iter().flat_map(|(a, b)| corners(a, b)));
             continue;
         }
-        let inside = |s: &&Instance| s.boundary && s.interior == id && s.shape.is_closed();
+        let inside = |s: &&Instance| s.boundary && s.interior == id && holds(&s.shape);
         let bodies = scene.shapes.iter().filter(inside).map(|s| s.shape.bounds());
         places.extend(bodies.flat_map(|b: Bounds| corners(b.min, b.max)));
         let open =
-            |s: &Instance| s.boundary && (s.exterior == id || s.interior == id && !s.shape.is_closed()) && !is_pane(s);
+            |s: &Instance| s.boundary && (s.exterior == id || s.interior == id && !holds(&s.shape)) && !is_pane(s);
         let name = |s: &Instance| (s.name.clone(), s.span.clone());
         if let Some((shape, span)) = scene.shapes.iter().find(|s| open(s)).map(name) {
             let what = format!(
                 "the medium `{}` has no end outside of `{shape}`: whether its light passes the border of `{}` cannot be told",
                 m.name, face.name
             );
-            return Err(Error::scene(&span, what, "put the medium into a cube, or behind the interface alone"));
+            return Err(Error::scene(
+                &span,
+                what,
+                "put the medium into a cube or a sphere, or behind the interface alone",
+            ));
         }
         let behind = face.boundary && (face.interior == id || face.exterior == id);
         let eye = sensor.to_world.translation;
@@ -219,6 +223,12 @@ fn shadow(span: &Span, shape: &str, pane: &str, light: &str) -> Error {
 
 fn is_opaque(scene: &Scene, s: &Instance) -> bool {
     !scene.is_null(s) && !scene.surfaces[s.surface as usize].is_smooth()
+}
+
+/// Whether what is behind its front lies within its bounds.
+fn holds(s: &Shape) -> bool {
+    let p = s.position(0, DVec2::splat(0.5));
+    matches!(s, Shape::Sphere(_) | Shape::Cube(_)) && s.normal(0, p).dot(p - s.bounds().center()) > 0.0
 }
 
 fn corners(a: DVec3, b: DVec3) -> [DVec3; 8] {
