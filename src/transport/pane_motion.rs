@@ -5,7 +5,7 @@
 //!
 //! * scattering at x: `f'/f <-ω̇₁>`, ω₁ the direction of the light behind the face;
 //! * a spot's profile: its slope times `<axis, ω̇₀>`, ω₀ the direction before the face;
-//! * optical depths of both lines, ∫ <∇σ, ẏ> along them, with borders and ends as [`aim::optical_depth`] has them; the line before the face moves at both of its ends.
+//! * optical depths of both lines, ∫ <∇σ, ẏ> along them, with borders and ends as [`super::aim`] has them; the line before the face moves at both of its ends.
 //!
 //! All of it is linear in slots: forward and reverse mode read the same numbers.
 
