@@ -139,6 +139,8 @@ pub struct Facts {
     /// The density of some medium jumps at a visible border (its box, its shape).
     pub border_jump: bool,
     pub dielectric: bool,
+    /// All of it is one flat face: a rectangle or a disk.
+    pub one_pane: bool,
     /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,
     /// A ball of glass or a mirror ball, and something outside of it that scatters.
@@ -352,22 +354,34 @@ impl Plan {
                 },
                 None => motion(&parts, &Parts::read(desc, &desc.dual(desc.wrt(name)?))?),
             };
+            let matter = motion.opaque || motion.area_light || motion.camera;
+            let light = motion.zero_measure_light || motion.profile;
+            // By way of one flat face all light of lights that move is known, where nothing casts shadows: `term::panes` sees to that.
+            let known = facts.one_pane && light && !(matter || motion.ior || motion.interface);
+            if known {
+                let why = "a light moves that shines by way of one flat face";
+                all.entry(Term::C).or_insert_with(|| format!("{why} ({name})"));
+            }
             for (term, why) in needed(&facts, &motion) {
+                if known && matches!(term, Term::G | Term::R | Term::VE) {
+                    continue;
+                }
                 if !term.exists(&motion) {
                     let cause = cause(&parts, term, &motion);
                     missing.push(Missing { parameter: name.clone(), term, why, cause });
                 }
                 all.entry(term).or_insert_with(|| format!("{why} ({name})"));
             }
-            let matter = motion.opaque || motion.area_light || motion.camera;
-            let light = motion.zero_measure_light || motion.profile;
             let mut miss = |term: Term, why: &'static str, cause: Option<Cause>| {
                 missing.push(Missing { parameter: name.clone(), term, why, cause });
                 all.entry(term).or_insert_with(|| format!("{why} ({name})"));
             };
-            if facts.dielectric && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface)) {
+            if facts.dielectric
+                && !known
+                && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface))
+            {
                 let why = "what moves may be seen or lit by way of an interface";
-                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or take the glass and mirrors out";
+                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or take the glass and mirrors out: all but one flat face, where nothing but lights moves";
                 miss(Term::S, why, zero_measure(&parts).map(|l| Cause::of_light(l, remedy)));
             }
             let turns = motion.ior || motion.interface || motion.beam;
@@ -473,6 +487,8 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         cut_beam: p.lights.iter().any(|l| beam(&l.kind)) && p.shapes.iter().any(|s| outlined(s.surface)),
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
+        one_pane: p.shapes.iter().filter(|s| smooth(s.surface)).count() == 1
+            && p.shapes.iter().any(|s| smooth(s.surface) && matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk)),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),
         rims: rims(p),

@@ -1,10 +1,10 @@
 //! What moves beside smooth interfaces and cannot be differentiated yet: refused by name.
 //!
 //! Behind an interface a camera ray turns with the index, with the interface and with the camera, and takes what it meets along (`transport::ray`). Straight edges that it sees there, and those of
-//! the interface itself, are [`super::virtual_edge`]'s. What is left are outlines of curved things by way of an interface, and shadows of lights without extent that are cast through it. A smooth
+//! the interface itself, are [`super::virtual_edge`]'s. What is left are outlines of curved things by way of an interface, and shadows of lights without extent that are cast through it ([`panes`] says where there are none). A smooth
 //! silhouette of glass is no jump: at grazing all light is mirrored, straight on.
 
-use super::{Motion, ends};
+use super::{Motion, ends, panes};
 use crate::error::{Error, Result};
 use crate::light::LightKind;
 use crate::scene::beams::is_flat;
@@ -24,13 +24,14 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     let smooth = |s: &&Instance| scene.surfaces[s.surface as usize].is_smooth();
     let Some(interface) = scene.shapes.iter().find(smooth) else { return Ok(()) };
     let name = &interface.name;
-    // Beams find their way.
+    // Beams find their way, and others by way of one flat face.
     let others = scene.lights.iter().zip(&motion.lights).filter(|(l, _)| !matches!(l.kind, LightKind::Beam { .. }));
-    if others.into_iter().any(|(_, m)| m.position || m.direction || m.angles) {
+    let moves = others.into_iter().any(|(_, m)| m.position || m.direction || m.angles);
+    if moves && !panes::are_known(scene, motion) {
         let what = format!(
             "`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet"
         );
-        let remedy = "differentiate with respect to something else, or take the interface out";
+        let remedy = "only one flat face, a rectangle or a disk, may be there, and nothing but lights may move; else differentiate with respect to something else";
         return Err(Error::scene(&interface.span, what, remedy));
     }
     // An index that changes moves what is behind it.

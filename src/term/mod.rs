@@ -22,6 +22,7 @@ pub mod light_shadow;
 pub mod light_walk;
 pub mod medium_edge;
 pub mod outline;
+pub mod panes;
 pub mod per_vertex;
 pub mod pixel_edge;
 pub mod rims;
@@ -172,6 +173,7 @@ impl Motion {
                 "move it a little off what it touches, or give it a beam_width below its cutoff_angle",
             ));
         }
+        panes::check(scene, sensor, margin, self)?;
         interfaces::check(scene, self)?;
         rough::check(scene, self, params)?;
         if let Some(name) = &self.glowing_null {

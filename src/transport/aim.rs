@@ -13,7 +13,7 @@
 //! [`super::light_centred::beside`] takes over, and connections of other techniques score no motion.
 
 use super::record::MediumSpan;
-use crate::light::{Arrival, LightKind, spot_falloff};
+use crate::light::{Arrival, Light, LightKind, spot_falloff};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, gradient};
 use crate::medium::{Medium, NO_SLOT, Volume};
@@ -63,35 +63,14 @@ pub fn partials(scene: &Scene, params: &ParamSet, aim: &Aim, value: Rgb, sink: &
     // On ẇ, and on ṙ.
     let mut turning = Covector::default();
     let mut growing = Rgb::ZERO;
-    match aim.turn {
-        Turn::Phase(medium, travel) => {
-            let phase = &scene.media[medium as usize].phase;
-            let (f, df) = phase.eval_with_slope(one_minus_cos(travel, w));
-            // d(1-mu) = -<travel, ẇ>
-            turning.add(travel, value * (-df / f));
-        }
-        Turn::Cosine(n) => turning.add(n, value * (1.0 / n.dot(w))),
-    }
+    turning.add(aim.turn.score(scene, w), value);
     if !aim.model {
         let mut rng = aim.rng;
-        let turn = |v, sigma: Rgb| turning.add(v, -(value * sigma));
-        optical_depth(scene, aim, &mut rng, turn, |sigma| growing += -(value * sigma));
+        let line = Line { o: aim.y, w, length: aim.distance, medium: aim.medium, on: aim.on };
+        let passes = |v, s: f64, sigma: Rgb| turning.add(v, -(value * (sigma * s)));
+        optical_depth(scene, &line, &mut rng, passes, |sigma| growing += -(value * sigma));
     }
-
-    if let LightKind::Spot { axis, beam, cutoff, .. } = light.kind {
-        let (s, [ds, db, dc]) = gradient([-w.dot(axis), beam, cutoff], |[c, b, k]| spot_falloff(c, b, k));
-        if s > 0.0 {
-            turning.add(axis, value * (-ds / s));
-            if !aim.model {
-                vector(params, place.direction, |k| value * (-ds / s * w[k]), sink);
-                for (slot, d) in [(place.angles, db), (place.angles + 1, dc)] {
-                    if params.is_active(slot) {
-                        sink.add(slot, value * (d / s));
-                    }
-                }
-            }
-        }
-    }
+    turning.add(profile(light, params, w, value, !aim.model, sink), -value);
     match light.kind {
         LightKind::Point { .. } | LightKind::Spot { .. } => {
             let r = aim.distance;
@@ -104,6 +83,46 @@ pub fn partials(scene: &Scene, params: &ParamSet, aim: &Aim, value: Rgb, sink: &
     }
 }
 
+impl Turn {
+    /// `f'/f` as a covector on ẇ, w being the unit direction toward the light.
+    pub(super) fn score(&self, scene: &Scene, w: DVec3) -> DVec3 {
+        match *self {
+            Turn::Phase(medium, travel) => {
+                let (f, df) = scene.media[medium as usize].phase.eval_with_slope(one_minus_cos(travel, w));
+                // d(1-mu) = -<travel, ẇ>
+                travel * (-df / f)
+            }
+            Turn::Cosine(n) => n / n.dot(w),
+        }
+    }
+}
+
+/// A spot's own profile in the direction -w: its score as a covector on the direction of the light, -ẇ. Partials by its axis and angles go to `sink` where they are `wanted`.
+pub(super) fn profile(
+    light: &Light,
+    params: &ParamSet,
+    w: DVec3,
+    value: Rgb,
+    wanted: bool,
+    sink: &mut impl Sink,
+) -> DVec3 {
+    let LightKind::Spot { axis, beam, cutoff, .. } = light.kind else { return DVec3::ZERO };
+    let (s, [ds, db, dc]) = gradient([-w.dot(axis), beam, cutoff], |[c, b, k]| spot_falloff(c, b, k));
+    if s <= 0.0 {
+        return DVec3::ZERO;
+    }
+    if wanted {
+        let place = light.place;
+        vector(params, place.direction, |k| value * (-ds / s * w[k]), sink);
+        for (slot, d) in [(place.angles, db), (place.angles + 1, dc)] {
+            if params.is_active(slot) {
+                sink.add(slot, value * (d / s));
+            }
+        }
+    }
+    axis * (ds / s)
+}
+
 /// Three partials, if anyone wants them.
 pub(crate) fn vector(params: &ParamSet, first: Slot, partial: impl Fn(usize) -> Rgb, sink: &mut impl Sink) {
     if first != NO_SLOT && params.block_active(first, 3) {
@@ -111,53 +130,63 @@ pub(crate) fn vector(params: &ParamSet, first: Slot, partial: impl Fn(usize) -> 
     }
 }
 
-/// The derivative of the connection's optical depth: pairs `(v, weight)` with the meaning `weight <v, ẇ>`, and the
-/// extinction at the light, which multiplies ṙ.
-fn optical_depth(
+/// A straight piece of a connection: from o along w, in this medium and on these faces at o.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Line {
+    pub o: DVec3,
+    pub w: DVec3,
+    pub length: f64,
+    pub medium: Option<u32>,
+    pub on: On,
+}
+
+/// The derivative of its optical depth: triples `(v, s, weight)` with the meaning `weight <v, ẏ>`, y being the point at the distance s, and the
+/// extinction at the end, which multiplies the growth of the length. Returns medium and faces there.
+pub(super) fn optical_depth(
     scene: &Scene,
-    aim: &Aim,
+    line: &Line,
     rng: &mut Rng,
-    mut turning: impl FnMut(DVec3, Rgb),
+    mut passes: impl FnMut(DVec3, f64, Rgb),
     mut growing: impl FnMut(Rgb),
-) {
-    // Distances from y, along which points move with s ẇ.
-    let (mut o, mut on, mut medium, mut before) = (aim.y, aim.on, aim.medium, 0.0);
-    let mut entered = None;
+) -> (Option<u32>, On) {
+    let Line { mut o, w, length: whole, mut medium, mut on } = *line;
+    let (mut before, mut entered) = (0.0, None);
     for _ in 0..scene.max_interfaces {
-        let left = aim.distance - before;
-        let hit = scene.boundary(o, aim.w, left, &on, medium);
+        let left = whole - before;
+        let hit = scene.boundary(o, w, left, &on, medium);
         let length = hit.as_ref().map_or(left, |h| h.t);
         if let Some(id) = medium {
             let m = &scene.media[id as usize];
-            let span = MediumSpan::new(id, o, aim.w, length, &on, hit.as_ref());
+            let span = MediumSpan::new(id, o, w, length, &on, hit.as_ref());
             let part = Part { m, span, before };
             let (t0, t1) = part.clipped();
             if t1 > t0 {
-                // Each end: the medium's interface, the light, or the grid's own box, whichever ends the density there.
+                // Each end: the medium's interface, the line's end, or the grid's own box, whichever ends the density there.
                 let (at0, at1) = part.extinction_at_ends(t0, t1);
                 if t0 > 0.0 {
-                    part.border(t0, at0 * -1.0, part.box_normal(t0), &mut turning);
+                    part.border(t0, at0 * -1.0, part.box_normal(t0), &mut passes);
                 } else if let Some(n) = entered {
-                    part.border(0.0, at0 * -1.0, n, &mut turning);
+                    part.border(0.0, at0 * -1.0, n, &mut passes);
                 }
                 if t1 < length {
-                    part.border(t1, at1, part.box_normal(t1), &mut turning);
+                    part.border(t1, at1, part.box_normal(t1), &mut passes);
                 } else if let Some(h) = &hit {
-                    part.border(length, at1, h.n, &mut turning);
+                    part.border(length, at1, h.n, &mut passes);
                 } else if length < f64::INFINITY {
                     growing(at1);
                 }
-                part.interior(rng, &mut turning);
+                part.interior(rng, &mut passes);
             }
         }
-        let Some(h) = hit else { return };
+        let Some(h) = hit else { break };
         let shape = &scene.shapes[h.shape as usize];
-        medium = shape.medium_behind(aim.w, h.n, medium);
+        medium = shape.medium_behind(w, h.n, medium);
         on = on.crossed(&h, scene.tolerance(h.p));
         entered = Some(h.n);
         o = h.p;
         before += h.t;
     }
+    (medium, on)
 }
 
 /// One medium's piece of a connection, `before` from its start.
@@ -192,11 +221,11 @@ impl Part<'_> {
         }
     }
 
-    /// A border of normal n that cuts the ray at `t` moves along it by `-s <n,ẇ>/<n,w>` [T] (13).
-    fn border(&self, t: f64, sigma: Rgb, n: DVec3, turning: &mut impl FnMut(DVec3, Rgb)) {
+    /// A border of normal n that cuts the ray at `t` moves along it by `-<n,ẏ>/<n,w>` [T] (13).
+    fn border(&self, t: f64, sigma: Rgb, n: DVec3, passes: &mut impl FnMut(DVec3, f64, Rgb)) {
         let cos = n.dot(self.span.w);
         if !sigma.is_zero() && cos != 0.0 {
-            turning(n, sigma * (-(self.before + t) / cos));
+            passes(n, self.before + t, sigma * (-1.0 / cos));
         }
     }
 
@@ -204,8 +233,8 @@ impl Part<'_> {
         self.m.density_grid().map_or(DVec3::ZERO, |g| g.border_normal(self.span.o + self.span.w * t))
     }
 
-    /// `∫ s <∇σ, ẇ> ds`: one uniform point a brick.
-    fn interior(&self, rng: &mut Rng, turning: &mut impl FnMut(DVec3, Rgb)) {
+    /// `∫ <∇σ, ẏ> ds`: one uniform point a brick.
+    fn interior(&self, rng: &mut Rng, passes: &mut impl FnMut(DVec3, f64, Rgb)) {
         let (Some(grid), s) = (self.m.density_grid(), &self.span) else { return };
         for brick in grid.spans(s.o, s.w, s.t0, s.t1) {
             if brick.constant || brick.t1 <= brick.t0 {
@@ -214,11 +243,11 @@ impl Part<'_> {
             let length = brick.t1 - brick.t0;
             let t = brick.t0 + rng.uniform() * length;
             let gradients = grid.gradient3(s.o + s.w * t);
-            let weight = (self.before + t) * length * self.m.scale;
+            let (s, weight) = (self.before + t, length * self.m.scale);
             if grid.channels() == 1 {
-                turning(gradients[0], Rgb::splat(weight));
+                passes(gradients[0], s, Rgb::splat(weight));
             } else {
-                (0..3).for_each(|c| turning(gradients[c], Rgb::channel(c, weight)));
+                (0..3).for_each(|c| passes(gradients[c], s, Rgb::channel(c, weight)));
             }
         }
     }

@@ -185,7 +185,7 @@ struct Aims {
 impl Recorder for Aims {
     const ON: bool = true;
     fn push(&mut self, e: Event) {
-        if matches!(e, Event::Aim { .. } | Event::Drift { .. }) {
+        if matches!(e, Event::Aim { .. } | Event::PaneAim { .. } | Event::Drift { .. }) {
             self.events.push(e);
         }
     }

@@ -16,6 +16,7 @@ pub mod light_centred;
 pub mod line;
 pub mod motion;
 pub mod pane;
+pub mod pane_motion;
 pub mod piece;
 pub mod ray;
 pub mod record;

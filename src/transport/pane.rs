@@ -12,12 +12,13 @@
 //! ```
 
 use super::beam;
+use super::pane_motion::PaneAim;
 use super::record::{End, Event, Recorder};
 use super::vertex::{Toward, Vertex};
 use super::walk::{State, Walker};
 use crate::light::Light;
 use crate::math::fresnel::{self, Interface};
-use crate::math::{DVec3, Rgb, V3};
+use crate::math::{DVec3, Real, Rgb, V3};
 use crate::scene::Scene;
 use crate::scene::beams::{Step, Way};
 use crate::scene::panes::Pane;
@@ -47,80 +48,131 @@ pub fn crossing(n0: f64, h0: f64, n1: f64, h1: f64, r: f64) -> f64 {
     s
 }
 
+/// Where on the way from foot to foot light crosses, between 0 and 1, and the distances before and behind; r2: the feet's distance squared. Also below the light, where they coincide.
+///
+/// In duals one Newton step with a constant slope is the implicit derivative [T] (46).
+fn crossed<R: Real>([n0, h0]: [R; 2], [n1, h1]: [R; 2], r2: R) -> (R, [R; 2]) {
+    let (m0, g0, m1, g1) = (n0.value(), h0.value(), n1.value(), h1.value());
+    let r = r2.value().sqrt();
+    let found = if r > 0.0 { crossing(m0, g0, m1, g1, r) / r } else { m1 * g0 / (m0 * g1 + m1 * g0) };
+    let lengths = |u: R| [(h0 * h0 + u * u * r2).sqrt(), (h1 * h1 + (-u + 1.0).sqr() * r2).sqrt()];
+    let u = R::from(found);
+    let [d0, d1] = lengths(u);
+    let snell = n0 * u / d0 - n1 * (-u + 1.0) / d1;
+    let slope = m0 * g0 * g0 / d0.value().powi(3) + m1 * g1 * g1 / d1.value().powi(3);
+    let u = u - (snell - snell.value()) / slope;
+    (u, lengths(u))
+}
+
 /// G of one flat interface, [T] (47): solid angle at the light per area across the ray at the far point.
-pub fn spread([n0, d0, c0]: [f64; 3], [n1, d1, c1]: [f64; 3]) -> f64 {
+pub fn spread<R: Real>([n0, d0, c0]: [R; 3], [n1, d1, c1]: [R; 3]) -> R {
     n1 * n1 * c0 * c1 / ((n0 * c0 * c0 * d1 + n1 * c1 * c1 * d0) * (n0 * d1 + n1 * d0))
 }
 
+/// Where light without extent comes from.
+#[derive(Clone, Copy, Debug)]
+pub enum Origin<R> {
+    Position(V3<R>),
+    /// From infinity, travelling along this unit vector.
+    Infinity(V3<R>),
+}
+
+impl Origin<f64> {
+    pub fn of(light: &Light) -> Option<Self> {
+        let far = || light.single_direction().map(|w| Origin::Infinity(V3::constant(-w)));
+        light.center().map(|q| Origin::Position(V3::constant(q))).or_else(far)
+    }
+}
+
 /// How light comes to a point by a face.
-struct Reach {
+pub struct Reach<R> {
     /// On the face's plane.
-    at: DVec3,
-    /// Directions of the light before and behind it.
-    before: DVec3,
-    behind: DVec3,
-    through: bool,
+    pub at: V3<R>,
+    /// Directions of the light before and behind it, and distances there, the first infinite for a light at infinity.
+    pub before: V3<R>,
+    pub behind: V3<R>,
+    pub lengths: [R; 2],
+    pub through: bool,
     /// Irradiance across `behind` over intensity, or over irradiance for a light at infinity.
-    gain: Rgb,
+    pub gain: [R; 3],
 }
 
 /// By the plane of a face, wherever the face ends; `None` where no light goes that way.
-fn reach(surface: &Surface, pane: &Pane, light: &Light, x: DVec3) -> Option<Reach> {
-    let (n, h) = (pane.n, (x - pane.p).dot(pane.n));
-    let source = light.center().map(|q| (q, (q - pane.p).dot(n)));
+pub fn reach<R: Real>(surface: &Surface, pane: &Pane, from: Origin<R>, x: V3<R>) -> Option<Reach<R>> {
+    let (n, p) = (V3::constant(pane.n), V3::constant(pane.p));
+    let h = (x - p).dot(n);
     // The side that the light is on: > 0 in front.
-    let from = match (source, light.single_direction()) {
-        (Some((_, height)), _) => height,
-        (None, Some(toward)) => toward.dot(n),
-        (None, None) => return None,
+    let height = match from {
+        Origin::Position(q) => (q - p).dot(n),
+        Origin::Infinity(w) => -w.dot(n),
     };
-    let through = from * h < 0.0;
-    if from == 0.0 || h == 0.0 || through && !surface.is_transparent() {
+    let (front, through) = (height.value() > 0.0, height.value() * h.value() < 0.0);
+    if height.value() == 0.0 || h.value() == 0.0 || through && !surface.is_transparent() {
         return None;
     }
+    let abs = |x: R| if x.value() < 0.0 { -x } else { x };
     let [n0, n1] = match surface {
-        Surface::Dielectric { interior, exterior, .. } if from > 0.0 => [*exterior, *interior],
+        Surface::Dielectric { interior, exterior, .. } if front => [*exterior, *interior],
         Surface::Dielectric { interior, exterior, .. } => [*interior, *exterior],
         _ => [1.0; 2],
-    };
-    let share = |c: f64| match surface {
+    }
+    .map(R::from);
+    let share = |c: R| match surface {
         Surface::Dielectric { .. } => {
             let f = Interface::new(c, n0, n1).reflectance();
-            Rgb::splat(if through { 1.0 - f } else { f })
+            [if through { -f + 1.0 } else { f }; 3]
         }
-        Surface::Conductor { eta, k, two_sided, .. } if from > 0.0 || *two_sided => {
-            Rgb::from_fn(|i| fresnel::conductor(c, eta[i], k[i]))
+        Surface::Conductor { eta, k, two_sided, .. } if front || *two_sided => {
+            [0, 1, 2].map(|i| fresnel::conductor(c, R::from(eta[i]), R::from(k[i])))
         }
-        _ => Rgb::ZERO,
+        _ => [R::zero(); 3],
     };
-    let reach = match source {
-        Some((q, height)) => {
-            let (h0, h1) = (height.abs(), h.abs());
-            let along = (x - n * h) - (q - n * height);
-            let r = along.length();
-            let s = if through { crossing(n0, h0, n1, h1, r) } else { r * (h0 / (h0 + h1)) };
-            let at = q - n * height + if r > 0.0 { along * (s / r) } else { DVec3::ZERO };
-            let (d0, d1) = (h0.hypot(s), h1.hypot(r - s));
-            let (c0, c1) = (h0 / d0, h1 / d1);
-            let g = if through { spread([n0, d0, c0], [n1, d1, c1]) } else { (d0 + d1).powi(-2) };
-            let (before, behind) = ((at - q).normalize(), (x - at).normalize());
-            Reach { at, before, behind, through, gain: share(c0) * g }
-        }
-        None => {
-            let before = -light.single_direction()?;
-            let c0 = from.abs();
-            let i = Interface::new(c0, n0, n1);
-            let side = if from > 0.0 { n } else { -n };
-            let (behind, widening) = if through {
-                (i.refract(V3::constant(before), V3::constant(side))?.value().normalize(), c0 / i.cos_refracted()?)
+    let reach = match from {
+        Origin::Position(q) => {
+            let (h0, h1) = (abs(height), abs(h));
+            let foot = q - n * height;
+            let along = (x - n * h) - foot;
+            let r2 = along.length_squared();
+            // A mirror is what an interface between equal indices is, folded.
+            let (u, lengths) = if through {
+                crossed([n0, h0], [n1, h1], r2)
             } else {
-                (fresnel::reflect(before, n), 1.0)
+                let u = h0 / (h0 + h1);
+                let d = ((h0 + h1).sqr() + r2).sqrt();
+                (u, [d * u, d * (-u + 1.0)])
             };
-            let at = x - behind * (h / behind.dot(n));
-            Reach { at, before, behind, through, gain: share(c0) * widening }
+            let at = foot + along * u;
+            let [d0, d1] = lengths;
+            let (c0, c1) = (h0 / d0, h1 / d1);
+            let g = if through { spread([n0, d0, c0], [n1, d1, c1]) } else { (d0 + d1).sqr().recip() };
+            let (before, behind) = ((at - q).normalize(), (x - at).normalize());
+            Reach { at, before, behind, lengths, through, gain: share(c0).map(|f| f * g) }
+        }
+        Origin::Infinity(before) => {
+            let c0 = abs(height);
+            let i = Interface::new(c0, n0, n1);
+            let (behind, widening) = if through {
+                let side = if front { n } else { -n };
+                (i.refract(before, side)?.normalize(), c0 / i.cos_refracted()?)
+            } else {
+                (before - n * (n.dot(before) * 2.0), R::one())
+            };
+            let length = h / behind.dot(n);
+            let lengths = [R::from(f64::INFINITY), length];
+            Reach { at: x - behind * length, before, behind, lengths, through, gain: share(c0).map(|f| f * widening) }
         }
     };
-    (!reach.gain.is_zero() && reach.gain.is_finite()).then_some(reach)
+    let gain = Rgb::from_fn(|c| reach.gain[c].value());
+    (!gain.is_zero() && gain.is_finite()).then_some(reach)
+}
+
+/// Directions along which light that travels along w goes on past a face, on either side: straight, mirrored, refracted.
+pub fn directions(surface: &Surface, pane: &Pane, w: DVec3) -> Vec<DVec3> {
+    let behind = |side: f64| {
+        let x = pane.p + pane.n * side;
+        reach(surface, pane, Origin::Infinity(V3::<f64>::constant(w)), V3::constant(x)).map(|r| r.behind.value())
+    };
+    std::iter::once(w).chain([1.0, -1.0].into_iter().filter_map(behind)).collect()
 }
 
 /// Score what all lights without extent bring to the vertex at `s.o` by one face.
@@ -131,28 +183,23 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     if scene.panes.is_empty() || !w.may_scatter(order) || order < w.set.min_order {
         return;
     }
-    for pane in &scene.panes {
+    for (k, pane) in scene.panes.iter().enumerate() {
         let surface = &scene.surfaces[scene.shapes[pane.shape as usize].surface as usize];
         for (id, light) in scene.lights.iter().enumerate().filter(|(_, l)| l.is_delta()) {
-            let Some(r) = reach(surface, pane, light, s.o) else { continue };
-            let Toward { lobe, phase } = vertex.toward(scene, s, -r.behind);
+            let Some(r) = Origin::of(light).and_then(|f| reach(surface, pane, f, V3::constant(s.o))) else { continue };
+            let [at, before, behind] = [r.at, r.before, r.behind].map(V3::value);
+            let gain = Rgb::from_fn(|c| r.gain[c]);
+            let Toward { lobe, phase } = vertex.toward(scene, s, -behind);
             // The light's own profile, toward the face.
-            let Some(emission) = light.sample(r.at, 0.0, 0.0).map(|a| a.emission).filter(|_| lobe.f > 0.0) else {
+            let Some(emission) = light.sample(at, 0.0, 0.0).map(|a| a.emission).filter(|_| lobe.f > 0.0) else {
                 continue;
             };
-            let step = Step {
-                shape: pane.shape,
-                face: pane.face,
-                p: pane.p,
-                n: pane.n,
-                before: r.before,
-                behind: r.behind,
-                through: r.through,
-            };
-            let way = Way { light: id as u32, steps: vec![step], w: r.behind, gain: r.gain };
-            let (on, medium) = vertex.start(s, -r.behind);
+            let step =
+                Step { shape: pane.shape, face: pane.face, p: pane.p, n: pane.n, before, behind, through: r.through };
+            let way = Way { light: id as u32, steps: vec![step], w: behind, gain };
+            let (on, medium) = vertex.start(s, -behind);
             let first = w.rec.side_len();
-            let clear = beam::clear(scene, &way, &[r.at], (s.o, on, medium), &mut s.rng, &mut |span| {
+            let clear = beam::clear(scene, &way, &[at], (s.o, on, medium), &mut s.rng, &mut |span| {
                 if R::ON {
                     w.rec.side_span(span);
                 }
@@ -161,16 +208,21 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
                 w.rec.side_truncate(first);
                 continue;
             };
-            let weight = s.beta / s.r.mean() * lobe.tint * t * r.gain * lobe.f;
+            let weight = s.beta / s.r.mean() * lobe.tint * t * gain * lobe.f;
             let value = weight * emission.color();
             w.value += value;
             w.rec.score(order, value);
             if R::ON {
-                let end = if light.center().is_some() { End::Point(id as u32) } else { End::Infinity(-r.before) };
+                let end = if light.center().is_some() { End::Point(id as u32) } else { End::Infinity(-before) };
                 let spans = w.rec.side_len() - first;
                 let phase = [phase, None];
                 w.rec.push(Event::Connect { weight, emission, end, first_span: first, spans, phase, via: None });
-                vertex.scored(w.rec, -r.behind, value);
+                if w.rec.follows(id as u32).is_some_and(|bit| s.left & bit == 0) {
+                    let (light, pane, turn) = (id as u32, k as u32, vertex.turn(s));
+                    let aim = PaneAim { light, pane, x: s.o, on, medium, turn, rng: s.aside };
+                    w.rec.push(Event::PaneAim { aim, value });
+                }
+                vertex.scored(w.rec, -behind, value);
             }
         }
     }
@@ -179,25 +231,88 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::{Dual, gradient};
 
-    /// [T] D4.
+    /// [T] D4, with its derivatives by the index, the light and the point.
     #[test]
     fn the_reference_geometry_factor() {
         let (p, x) = (DVec3::new(0.3, 0.2, 1.2), DVec3::new(-0.2, 0.1, -0.8));
         let surface = Surface::Dielectric { interior: 1.33, exterior: 1.0, slot: 0 };
         let pane = Pane { shape: 0, face: 0, p: DVec3::ZERO, n: DVec3::Z };
-        let kind = crate::light::LightKind::Point { position: p };
-        let none = u32::MAX;
-        let place = crate::light::Place { position: none, direction: none, angles: none, radius: none };
-        let light = Light { name: String::new(), kind, value: Rgb::ONE, slot: none, place };
-        let r = reach(&surface, &pane, &light, x).unwrap();
-        assert!((r.at - DVec3::new(-0.03497444, 0.13300511, 0.0)).length() < 1e-8, "{:?}", r.at);
-        let f = Interface::new(-r.before.z, 1.0, 1.33).reflectance();
+        let r: Reach<f64> = reach(&surface, &pane, Origin::Position(V3::constant(p)), V3::constant(x)).unwrap();
+        let (at, before, behind) = (r.at.value(), r.before.value(), r.behind.value());
+        assert!((at - DVec3::new(-0.03497444, 0.13300511, 0.0)).length() < 1e-8, "{at:?}");
+        let f = Interface::new(-before.z, 1.0, 1.33).reflectance();
         assert!((r.gain[0] / (1.0 - f) - 0.286593902199).abs() < 1e-12, "{:?}", r.gain);
         // Snell's law, and the same way back.
-        assert!(
-            (r.before.z.mul_add(-r.before.z, 1.0).sqrt() - 1.33 * (1.0 - r.behind.z * r.behind.z).sqrt()).abs() < 1e-12
-        );
+        assert!((before.z.mul_add(-before.z, 1.0).sqrt() - 1.33 * (1.0 - behind.z * behind.z).sqrt()).abs() < 1e-12);
+
+        let g = |n1: Dual<4>, px: Dual<4>, pz: Dual<4>, xz: Dual<4>| {
+            let (n0, h1) = (Dual::constant(1.0), -xz);
+            let r2 = (px - x.x).sqr() + (p.y - x.y).powi(2);
+            let (_, [d0, d1]) = crossed([n0, pz], [n1, h1], r2);
+            spread([n0, d0, pz / d0], [n1, d1, h1 / d1])
+        };
+        let at = [1.33, p.x, p.z, x.z];
+        let (value, slopes) = gradient(at, |[n1, px, pz, xz]| g(n1, px, pz, xz));
+        assert!((value - 0.286593902199).abs() < 1e-12);
+        for (slope, truth) in slopes.iter().zip([0.1329363489, -0.07792992153, -0.2991988621, 0.2170320133]) {
+            assert!((slope - truth).abs() < 1e-9, "{slopes:?}");
+        }
+    }
+
+    /// Everything that a connection carries, by the light's position or direction, against differences; also right below a light.
+    #[test]
+    fn reaches_in_motion() {
+        let pane = Pane { shape: 0, face: 0, p: DVec3::new(0.1, 0.0, 0.2), n: DVec3::new(0.2, -0.1, 1.0).normalize() };
+        let glass = Surface::Dielectric { interior: 1.5, exterior: 1.0, slot: 0 };
+        let (eta, k) = (Rgb([0.2, 0.9, 1.2]), Rgb::splat(2.5));
+        let metal = Surface::Conductor { eta, k, two_sided: true, slot: 0 };
+        let light = DVec3::new(0.4, -0.3, 1.4);
+        let below = light - pane.n * ((light - pane.p).dot(pane.n) + 0.7);
+        let points = [DVec3::new(-0.5, 0.8, -0.9), DVec3::new(1.0, -0.6, 0.9), below];
+        let directions = [DVec3::new(0.3, 0.4, -1.0).normalize(), DVec3::new(-0.1, 0.2, 1.0).normalize()];
+        let of = |from: DVec3, far: bool| {
+            if far { Origin::Infinity(V3::constant(from)) } else { Origin::Position(V3::constant(from)) }
+        };
+        let lists = [(vec![light, light - pane.n * 3.0], false), (directions.to_vec(), true)];
+        let mut compared = 0;
+        for (sources, far) in lists {
+            for (source, x) in sources.iter().flat_map(|&s| points.map(|x| (s, x))) {
+                for surface in [&glass, &metal] {
+                    let seeded: [Dual<3>; 3] = std::array::from_fn(|i| Dual::variable(source[i], i));
+                    let v = V3::new(seeded[0], seeded[1], seeded[2]);
+                    let dual = if far { Origin::Infinity(v) } else { Origin::Position(v) };
+                    let Some(r) = reach(surface, &pane, dual, V3::constant(x)) else { continue };
+                    let numbers = |r: &Reach<f64>| {
+                        let v = [r.at, r.before, r.behind].map(|v| v.value().to_array()).concat();
+                        [v, r.gain.to_vec(), vec![r.lengths[1], if far { 0.0 } else { r.lengths[0] }]].concat()
+                    };
+                    let slopes = |i: usize| {
+                        let v = [r.at, r.before, r.behind].map(|v| [v.x.d[i], v.y.d[i], v.z.d[i]]).concat();
+                        let ends = vec![r.lengths[1].d[i], if far { 0.0 } else { r.lengths[0].d[i] }];
+                        [v, r.gain.map(|g| g.d[i]).to_vec(), ends].concat()
+                    };
+                    // Directions stay unit vectors.
+                    for t in [DVec3::X, DVec3::Y, DVec3::Z].map(|t| if far { t - source * source.dot(t) } else { t }) {
+                        let h = 1e-5;
+                        let side = |s: f64| {
+                            let moved = source + t * (s * h);
+                            let moved = if far { moved.normalize() } else { moved };
+                            numbers(&reach(surface, &pane, of(moved, far), V3::constant(x)).unwrap())
+                        };
+                        let (a, b) = (side(1.0), side(-1.0));
+                        for (j, (a, b)) in a.iter().zip(&b).enumerate() {
+                            let slope: f64 = (0..3).map(|i| slopes(i)[j] * t[i]).sum();
+                            let fd = (a - b) / (2.0 * h);
+                            assert!((slope - fd).abs() < 1e-6 * (1.0 + fd.abs()), "{source} {x} {j}: {slope} {fd}");
+                            compared += 1;
+                        }
+                    }
+                }
+            }
+        }
+        assert!(compared > 500, "{compared}");
     }
 
     /// One root, whatever the heights: Snell's law holds at it to rounding.

@@ -5,6 +5,7 @@
 
 use super::aim::Aim;
 use super::first::{Leg, Opening};
+use super::pane_motion::PaneAim;
 use super::ray::Specular;
 use super::sweep::Candidates;
 use super::walk::{Flight, Stage, State};
@@ -148,6 +149,8 @@ pub enum Event {
     },
     /// A connection of this value to a light that moves: its motion only.
     Aim { aim: Aim, value: Rgb },
+    /// The same by way of a flat smooth face.
+    PaneAim { aim: PaneAim, value: Rgb },
     /// A partial of its own: `value <v, d x / d slot>` for the vector x in three slots.
     Drift { slot: Slot, v: DVec3, value: Rgb },
 }

@@ -19,7 +19,7 @@ use super::first::Opening;
 use super::motion::{Chain, Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::walk::{Flight, Stage, State, Tally, Walker};
-use super::{aim, camera_line};
+use super::{aim, camera_line, pane_motion};
 use crate::error::Result;
 use crate::light::Emission;
 use crate::math::rng::Rng;
@@ -346,6 +346,7 @@ impl Sweep<'_> {
             Event::Ends { span, start, end, depth } => self.glow_at_ends(span, [*start, *end], *depth, sink),
             Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
             Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
+            Event::PaneAim { aim, value } => pane_motion::partials(self.scene, self.params, aim, *value, sink),
             Event::Span { span, prefix } => {
                 self.transmittance(span, after, sink);
                 if let Some(p) = prefix.filter(|_| self.facts.borders.any()) {

@@ -1,5 +1,6 @@
 //! What scatters at a vertex, as connections from there see it: how much goes toward a direction, how likely the walk itself takes it, and on which side of a rough interface it begins.
 
+use super::aim::Turn;
 use super::record::{Event, Recorder};
 use super::walk::State;
 use crate::math::{DVec3, Rgb};
@@ -107,6 +108,14 @@ impl Vertex<'_> {
         match self {
             Vertex::Medium(_) => (s.on, s.medium),
             Vertex::Surface(f) => f.start(s, w),
+        }
+    }
+
+    /// How what it sends toward a light changes as the light's direction turns.
+    pub(super) fn turn(&self, s: &State) -> Turn {
+        match self {
+            Vertex::Medium(id) => Turn::Phase(*id, s.w),
+            Vertex::Surface(f) => Turn::Cosine(f.normals.shading),
         }
     }
 

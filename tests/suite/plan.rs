@@ -29,6 +29,7 @@ const NO: Facts = Facts {
     area_light: false,
     border_jump: false,
     dielectric: false,
+    one_pane: false,
     polygonal_dielectric: false,
     rims: false,
     round_outline: false,

@@ -59,15 +59,14 @@ fn d2_hard_beam_through_a_plane() {
     assert_eq!(derivatives(&text, &["bx"], &["interior"], 256)[0].value[0], 0.0);
 }
 
-/// [T] D3, as D1 with a point light: by connections through the plane. Its motion is refused yet.
+/// [T] D3, as D1 with a point light: by connections through the plane, in motion too. Index, plane and camera are refused yet.
 #[test]
 fn d3_point_light_through_a_plane() {
     let text = beam("gaussian", 0.25).replace(r#""n" value="1.5""#, r#""n" value="1.33""#);
     let (head, tail) = text.split_once(r#"<emitter type="collimated">"#).unwrap();
     let lit = |light: &str| format!("{head}{light}{}", tail.split_once("</emitter>").unwrap().1);
-    let point = lit(
-        r#"<emitter type="point"><point name="position" value="0.3, 0.2, 1.2"/><float name="intensity" value="10"/></emitter>"#,
-    );
+    let point = lit(r#"<default name="px" value="0.3"/><default name="pz" value="1.2"/>
+  <emitter type="point"><point name="position" value="$px, 0.2, $pz"/><float name="intensity" value="10"/></emitter>"#);
     let (desc, sc) = scene(&point);
     let glass = |w: &&tyndall::error::Warning| w.kind == tyndall::error::WarningKind::LightBehindGlass;
     assert!(!sc.warnings.iter().any(|w| glass(&w)), "{:?}", sc.warnings);
@@ -75,6 +74,10 @@ fn d3_point_light_through_a_plane() {
     Plan::new(&desc, &names).and_then(|p| p.refuse()).unwrap();
     let e = forward(&point, &["g"], 1 << 16);
     check("L", &e[0], 0.02792170348, 0.005);
+    // All light comes through the plane, so all of these are its motion's.
+    let e = forward(&point, &["px", "pz"], 1 << 18);
+    check("dL/dpx", &e[1], 0.0038298153, 0.03);
+    check("dL/dpz", &e[2], -0.035712836, 0.01);
     // The phase function's share of a connection through the plane.
     against_differences(&point, &[("g", 0.01)], &["all"], 1 << 13, 0.01);
     for name in ["n", "h", "cx"] {
@@ -91,6 +94,120 @@ fn d3_point_light_through_a_plane() {
     let (a, b) = (forward(&far, &[], 1 << 14)[0], forward(&sun, &[], 1 << 14)[0]);
     let se = a.error[0].hypot(b.error[0]);
     assert!((a.value[0] - b.value[0]).abs() < 4.5 * se && se < 0.015 * b.value[0], "{a:?} {b:?}");
+}
+
+/// Fog in a cube, under water over a floor, seen from the air.
+fn pond(light: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0"><default name="x" value="0.4"/><default name="z" value="1.1"/><default name="dx" value="0.3"/><default name="cut" value="35"/><default name="beam" value="10"/>
+  <default name="n" value="1.33"/><default name="cam" value="-3"/>
+  <integrator type="volpath"><integer name="max_depth" value="6"/></integrator>
+  <sensor type="perspective"><float name="fov" value="28"/><transform name="to_world"><lookat origin="0.3, $cam, 2.5" target="0, 0, -0.9" up="0, 0, 1"/></transform>
+    <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="tent"/></film></sensor>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.9,1.4,0.5"/><float name="albedo" value="0.8"/><phase type="hg"><float name="g" value="0.5"/></phase></medium>
+  <shape type="rectangle" id="water"><transform name="to_world"><scale value="9"/></transform>
+    <bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf></shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.6"/><rotate x="1" angle="20"/><translate z="-0.95"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <shape type="rectangle" id="floor"><transform name="to_world"><scale value="2"/><translate z="-1.9"/></transform><bsdf type="diffuse"/></shape>{light}</scene>"#
+    )
+}
+
+const LAMP: &str = r#"<emitter type="point" id="lamp"><point name="position" value="$x, 0.3, $z"/><float name="intensity" value="10"/></emitter>"#;
+const SPOT: &str = r#"<emitter type="spot" id="spot"><transform name="to_world"><lookat origin="$x, 0.3, $z" target="$dx, -0.1, -1" up="0, 1, 0"/></transform>
+  <float name="intensity" value="10"/><float name="cutoff_angle" value="$cut"/><float name="beam_width" value="$beam"/></emitter>"#;
+const SUN: &str = r#"<emitter type="directional" id="sun"><vector name="direction" value="$dx, 0.2, -1"/><float name="irradiance" value="3"/></emitter>"#;
+
+#[test]
+fn lights_over_a_pond_against_differences() {
+    let place = [("x", 0.02), ("z", 0.02)];
+    against_differences(&pond(LAMP), &place, &["all"], 1 << 14, 0.02);
+    let all = [place[0], place[1], ("dx", 0.02), ("cut", 0.5), ("beam", 0.5)];
+    against_differences(&pond(SPOT), &all, &["all"], 1 << 14, 0.02);
+    against_differences(&pond(SUN), &[("dx", 0.02)], &["all"], 1 << 14, 0.02);
+    // From below, at the floor and the fog by way of the mirrored light as well.
+    let below = pond(LAMP).replace(r#"name="z" value="1.1""#, r#"name="z" value="-0.15""#);
+    against_differences(&below, &place, &["all"], 1 << 14, 0.02);
+    let glass = r#"<bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf>"#;
+    let metal = r#"<bsdf type="twosided"><bsdf type="conductor"/></bsdf>"#;
+    let mirror = below
+        .replace(glass, metal)
+        .replace(r#"<default name="n" value="1.33"/>"#, "")
+        .replace("$cam, 2.5", "$cam, -0.4");
+    against_differences(&mirror, &place, &["all"], 1 << 14, 0.02);
+}
+
+/// Where indices are nearly alike the water is hardly there: the derivative is that of the light without it, which takes other ways through the program.
+#[test]
+fn water_of_the_index_of_air_moves_light_as_air() {
+    let names = ["x", "z"];
+    let wet = pond(LAMP).replace(r#"name="n" value="1.33""#, r#"name="n" value="1.0000001""#);
+    let (a, b) =
+        (wet.find(r#"<shape type="rectangle" id="water">"#).unwrap(), wet.find(r#"<shape type="cube">"#).unwrap());
+    let dry =
+        format!("{}{}", &wet[..a], &wet[b..]).replace(r#"name="max_depth" value="6""#, r#"name="max_depth" value="4""#);
+    let real = forward(&pond(LAMP), &names, 1 << 13);
+    let (wet, dry) = (forward(&wet, &names, 1 << 13), forward(&dry, &names, 1 << 13));
+    for k in 0..3 {
+        for c in 0..3 {
+            let se = wet[k].error[c].hypot(dry[k].error[c]);
+            let (w, d, r) = (wet[k].value[c], dry[k].value[c], real[k].value[c]);
+            println!("{k} {c}: {w} {d} +- {se}, of water {r}");
+            assert!((w - d).abs() <= 5.0 * se + 1e-5 * d.abs(), "{k} {c}: {w} {d} +- {se}");
+            // The comparison can tell them apart.
+            let told = k == 0 || (k, c) == (2, 0);
+            assert!(!told || (r - d).abs() > 8.0 * se, "{k} {c}: {r} {d} +- {se}");
+        }
+    }
+}
+
+/// What may cast a shadow by way of the water is refused, with its name.
+#[test]
+fn shadows_by_way_of_a_pane_are_refused() {
+    let of = |text: &str, names: &[&str]| {
+        let (desc, sc) = scene(text);
+        let names: Vec<String> = names.iter().map(|n| n.to_string()).collect();
+        let p = sc.param_set(&desc, &names).unwrap();
+        job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    let rejected = |text: &str, what: &str| {
+        let error = of(text, &["x"]);
+        assert!(error.contains(what), "{what}: {error}");
+    };
+    assert_eq!(of(&pond(LAMP), &["x"]), "");
+    let with = |more: &str| pond(LAMP).replace("</scene>", &format!("{more}</scene>"));
+    rejected(
+        &with(
+            r#"<shape type="sphere" id="ball"><point name="center" value="0, 1, -0.5"/><float name="radius" value="0.1"/></shape>"#,
+        ),
+        "ball",
+    );
+    rejected(
+        &with(
+            r#"<shape type="rectangle" id="leaf"><transform name="to_world"><scale value="0.1"/><translate z="-0.5"/></transform></shape>"#,
+        ),
+        "leaf",
+    );
+    rejected(&pond(LAMP).replace(r#"<scale value="9"/>"#, r#"<scale value="0.5"/>"#), "the border of `water`");
+    rejected(&pond(LAMP).replace(r#"name="x" value="0.4""#, r#"name="x" value="12""#), "the border of `water`");
+    let low = pond(SUN).replace(r#"name="dx" value="0.3""#, r#"name="dx" value="30""#);
+    assert!(of(&low, &["dx"]).contains("the border of `water`"));
+    rejected(&pond(LAMP).replace(r#"name="z" value="1.1""#, r#"name="z" value="-0.9""#), "moves inside a medium");
+    rejected(&pond(SPOT).replace(r#"name="beam" value="10""#, r#"name="beam" value="35""#), "hard edge");
+    let flipped = r#"<shape type="cube"><boolean name="flip_normals" value="true"/>"#;
+    rejected(&pond(LAMP).replace(r#"<shape type="cube">"#, flipped), "has no end outside");
+    let endless = pond(LAMP).replace(r#"</bsdf></shape>"#, r#"</bsdf><ref name="interior" id="fog"/></shape>"#);
+    rejected(&endless, "something else is there");
+    rejected(
+        &with(
+            r#"<shape type="disk" id="glass"><transform name="to_world"><translate z="2"/></transform><bsdf type="dielectric"/></shape>"#,
+        ),
+        "cannot be differentiated yet",
+    );
+    // Not together with what turns the rays.
+    assert!(of(&pond(LAMP), &["x", "cam"]).contains("cannot be differentiated yet"));
+    let (desc, _) = scene(&pond(LAMP));
+    let plan = |names: &[&str]| Plan::new(&desc, &names.iter().map(|n| n.to_string()).collect::<Vec<_>>()).unwrap();
+    assert!(plan(&["x"]).refuse().is_ok() && plan(&["x", "cam"]).refuse().is_err() && plan(&["n"]).refuse().is_err());
 }
 
 /// A point light over a mirror of glass lights a wall by way of it as its image does.
@@ -167,6 +284,8 @@ fn forward_dot_v_equals_reverse() {
         (ball(), vec!["ior", "x", "r", "cam", "yaw"]),
         (MIRROR.into(), vec!["angle", "up", "bx", "k", "r"]),
         (beam("hard", 0.35), vec!["n", "bx", "h", "w"]),
+        (pond(SPOT), vec!["x", "z", "dx", "cut", "beam"]),
+        (pond(SUN), vec!["dx"]),
     ] {
         let (desc, sc) = scene(&text);
         let p = params(&desc, &sc, &names);
@@ -186,9 +305,17 @@ fn forward_dot_v_equals_reverse() {
 /// Rays behind many interfaces are told again for every chunk of a long path.
 #[test]
 fn chunks_give_the_same_bits() {
-    let text = ball().replace(r#"name="max_depth" value="4""#, r#"name="max_depth" value="40""#);
-    let (desc, scene) = scene(&text);
-    let p = params(&desc, &scene, &["ior", "x", "cam"]);
+    let many = |text: String, depth: &str| {
+        text.replace(&format!(r#"name="max_depth" value="{depth}""#), r#"name="max_depth" value="40""#)
+    };
+    same_in_chunks(&many(ball(), "4"), &["ior", "x", "cam"], 6);
+    same_in_chunks(&many(pond(LAMP), "6"), &["x", "z"], 4);
+}
+
+/// `least`: chunks of the longest path at least.
+fn same_in_chunks(text: &str, names: &[&str], least: usize) {
+    let (desc, scene) = scene(text);
+    let p = params(&desc, &scene, names);
     let facts = Arc::new(SweepFacts::new(&scene, &scene.sensors[0], &p, &Arc::default()).unwrap());
     let sweep = Sweep { scene: &scene, set: &scene.settings, params: &p, facts, sensor: &scene.sensors[0] };
     let mut longest = 0;
@@ -211,7 +338,7 @@ fn chunks_give_the_same_bits() {
             assert_eq!(d, dc, "sample {sample}, chunk {chunk}");
         }
     }
-    assert!(longest > 5, "paths are too short to test anything: {longest} chunks");
+    assert!(longest >= least, "paths are too short to test anything: {longest} chunks");
 }
 
 /// What jumps behind an interface is refused, with its name.
