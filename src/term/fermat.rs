@@ -257,14 +257,17 @@ mod tests {
             index: vec![1.0, 1.5, 1.5, 1.0],
         };
         let o = DVec3::new(-1.0, 0.2, 0.1);
+        let eyes = [Eye::Point(o), Eye::Parallel(DVec3::new(1.0, 0.1, 0.05).normalize())];
+        let below = DVec3::new(-1.0, -0.2, 0.1);
         let chains = [
-            (&prism, o, DVec3::new(4.0, 0.6, -0.3)),
-            (&mirror, o, DVec3::new(-2.0, 0.9, 0.4)),
-            (&block, DVec3::new(-1.0, -0.2, 0.1), DVec3::new(4.0, -0.9, -0.3)),
+            (&prism, o, DVec3::new(4.0, 0.6, -0.3), &eyes[..]),
+            (&mirror, o, DVec3::new(-2.0, 0.9, 0.4), &eyes),
+            (&block, below, DVec3::new(4.0, -0.33, -0.1), &[Eye::Point(below)]),
         ];
-        for (chain, o, e) in chains {
-            let eyes = [Eye::Point(o), Eye::Parallel(DVec3::new(1.0, 0.1, 0.05).normalize())];
-            for eye in &eyes {
+        // The least way goes by the line where two of its planes meet: light does not.
+        assert!(matches!(block.ray(&Eye::Point(below), below, DVec3::new(4.0, -0.9, -0.3)), Way::None));
+        for (chain, o, e, eyes) in chains {
+            for eye in eyes {
                 let Way::Ray(start) = chain.ray(eye, o, e) else { panic!() };
                 // Walk it.
                 let (mut at, mut w) = (start.o, start.w);
