@@ -331,7 +331,7 @@ fn same_in_chunks(text: &str, names: &[&str], least: usize) {
             (value, sink.image, rec.chunk_starts.len())
         };
         let (v, d, _) = run(usize::MAX);
-        for chunk in [8, 30] {
+        for chunk in [5, 30] {
             let (vc, dc, chunks) = run(chunk);
             longest = longest.max(chunks);
             assert_eq!(v, vc);
