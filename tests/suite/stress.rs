@@ -11,7 +11,7 @@ const OPEN: [(&str, &str, Verdict); 5] = [
     ("film-accumulation", "1 beside 1e-30", Verdict::Nan),
     // Samples that are not finite are counted, but not at their pixel.
     ("nan-policy", "", Verdict::Bias),
-    // Directions are drawn without regard to where an interface begins to reflect all: derivatives by an index have heavy tails there.
+    // So near 1 an index changes what either way gets by 1/(n-1), and the two nearly cancel: single paths may still rule.
     ("ior-1.0001", "R_1:d_n", Verdict::Noise),
     ("ior-1.0001", "T_1:d_n", Verdict::Noise),
     ("white-furnace-glass", "n1.0001:d_n", Verdict::Noise),
