@@ -1,8 +1,8 @@
 //! Smooth interfaces on a walk: mirrored and refracted rays ([T] section 6.1).
 //!
 //! A ray that only such interfaces have turned since the camera is still a camera line, and treated like one ([`super::camera_line`]); at the first interface that it meets both
-//! rays are followed, at any later one, and on all other paths, one of them, by its share of the light (but no more often mirrored than leaves some to go through, where a derivative may ask how that changes: `1 - F ~ δ^1/2` near the
-//! critical angle, whose score δ^-1 has no second moment where it is drawn with that probability). No connection crosses an interface: what lies behind is found by directions, whose
+//! rays are followed, at any later one, and on all other paths, one of them, by its share of the light; but where a derivative may ask how that changes some always go through: near the critical angle
+//! `1 - F ~ q` has the score `q⁻²`, which has no second moment under that probability ([`crate::scene::critical`]). No connection crosses an interface: what lies behind is found by directions, whose
 //! weight against connections is then whole.
 
 use super::camera_line;
