@@ -7,6 +7,8 @@ use tyndall::math::rng::Rng;
 use tyndall::params::Forward;
 use tyndall::render::driver::{Job, Mode};
 use tyndall::render::plan::Plan;
+use tyndall::scene::Scene;
+use tyndall::scene::critical::Critical;
 use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
 
 /// [T] D1 and D2: a beam and a camera ray through a plane interface, light that scatters once.
@@ -251,6 +253,33 @@ fn ball() -> String {
 fn a_ball_of_glass_and_fog_against_differences() {
     let what = [("ior", 0.02), ("r", 0.02), ("cam", 0.02), ("yaw", 0.5)];
     against_differences(&ball(), &what, &["all"], 1 << 14, 0.02);
+}
+
+/// Derivatives look beside the critical angle: without that single paths rule. Fixed numbers; the values agree with differences above.
+#[test]
+fn scores_beside_the_critical_angle_have_a_second_moment() {
+    let (desc, mut sc) = scene(&ball());
+    let p = params(&desc, &sc, &["ior"]);
+    let moment = |sc: &Scene| {
+        let facts = Arc::new(SweepFacts::new(sc, &sc.sensors[0], &p, &Arc::default()).unwrap());
+        let sweep = Sweep { scene: sc, set: &sc.settings, params: &p, facts, sensor: &sc.sensors[0] };
+        let (mut rec, sensor) = (PathRecord::new(), &sc.sensors[0]);
+        let n = 1 << 17;
+        let squares = (0..n).map(|i| {
+            let mut rng = Rng::keyed(7, 1, 6, i);
+            let (o, w) = sensor.ray(rng.uniform() * sensor.width as f64, rng.uniform() * sensor.height as f64);
+            let mut sink = Forward::new(&p);
+            let rng = [Rng::keyed(7, 1, 5, i), Rng::keyed(7, 2, 5, i)];
+            sweep.sample(State::new(rng[0], o, w, None), rng[1], &mut rec, &mut sink, &mut Tally::default());
+            sink.image[0].mean().powi(2)
+        });
+        squares.sum::<f64>() / n as f64
+    };
+    let with = moment(&sc);
+    sc.critical = Critical::default();
+    let without = moment(&sc);
+    println!("second moment {with}, without {without}");
+    assert!(without > 4.0 * with, "{without} {with}");
 }
 
 /// Where indices agree the interface is not there, yet the index has a derivative.
