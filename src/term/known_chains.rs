@@ -18,8 +18,6 @@ use std::collections::HashMap;
 const RAYS: u64 = 1 << 13;
 /// Chains at most: those that were met most often.
 const CHAINS: usize = 64;
-/// How near to each other two rays are the same.
-const SAME: f64 = 1e-6;
 /// Samples at least for chains that are known, and for others.
 const EITHER: f64 = 0.15;
 
@@ -31,7 +29,7 @@ struct Chain {
     o: DVec3,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct KnownChains {
     list: Vec<Chain>,
     by_rays: Discrete,
@@ -43,7 +41,7 @@ pub struct KnownChains {
 fn finds(planes: &Planes, eye: &Eye, start: Start, chain: &[Specular]) -> bool {
     let Some(last) = chain.last() else { return false };
     let e = last.hit.p + last.out * (last.hit.p - start.o).length();
-    let near = |f: Start| (f.w - start.w).length() + (f.o - start.o).length() / (e - start.o).length() <= SAME;
+    let near = |f: Start| (f.w - start.w).length() + (f.o - start.o).length() / (e - start.o).length() <= shot::SAME;
     matches!(planes.ray(eye, start.o, e), Way::Ray(found) if near(found))
 }
 

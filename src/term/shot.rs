@@ -7,7 +7,6 @@
 //! Nothing lists chains or their solutions. Both are drawn: a random ray finds a chain, Newton's method goes on from there. How probable the result was nobody knows, but
 //! the number of further trials until it is found once more has the mean 1/P (Booth, "Unbiased Monte Carlo Estimation of the Reciprocal of an Integral", 2007).
 
-use super::known_chains::KnownChains;
 use crate::math::fresnel::Interface;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Dual, Real, Rgb, V3, warp};
@@ -26,7 +25,7 @@ const TRIALS: u32 = 1 << 20;
 /// How near to e, over the length of the way, a ray counts as a hit.
 const EXACT: f64 = 1e-11;
 /// How near to each other two solutions are the same.
-const SAME: f64 = 1e-6;
+pub const SAME: f64 = 1e-6;
 /// How far before e, as a share of the last piece, a face may be met that e itself lies on.
 const AT_THE_EDGE: f64 = 1e-6;
 /// A random chain goes on behind an interface so often; where all is mirrored more often, because that costs no light.
@@ -320,7 +319,7 @@ pub struct Drawn {
     chain: Vec<Step>,
 }
 
-/// Of chains that are not known.
+/// Of chains that `is_known` does not hold.
 pub fn draw(
     scene: &Scene,
     eye: &Eye,
@@ -328,11 +327,11 @@ pub fn draw(
     e: DVec3,
     rng: &mut Rng,
     mut random: impl FnMut(&mut Rng) -> Option<Start>,
-    known: &KnownChains,
+    is_known: impl Fn(&[Step]) -> bool,
 ) -> Option<Drawn> {
     let start = random(rng)?;
     let chain = steps(&random_chain(scene, start, place, rng)?);
-    if known.holds(&chain) {
+    if is_known(&chain) {
         return None;
     }
     let shot = by(scene, eye, start, place, &chain, e)?;

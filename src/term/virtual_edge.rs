@@ -318,7 +318,7 @@ impl VirtualEdge {
         let begins = |_: &Context, s: &Shot| Some((v.scatter(scene, s.start.w) * v.weight, film));
         let (u, far) = (rng.uniform(), v.depth + 1);
         let aim = |rng: &mut Rng, e: DVec3| {
-            shot::draw(scene, &eye, &place, e, rng, random, &KnownChains::default()).map(|d| Aimed::Drawn(d, 1.0))
+            shot::draw(scene, &eye, &place, e, rng, random, |_| false).map(|d| Aimed::Drawn(d, 1.0))
         };
         let found = self.through(cx, &eye, &place, start, u, far, rng, random, aim, begins);
         if let Some((flux, film, partials)) = found {
@@ -463,7 +463,8 @@ impl Room for VirtualEdge {
                 let (shot, p) = self.known.shoot(scene, &eye, &place, e, lead[1] / share, &lost)?;
                 return Some(Aimed::Known(shot, share * p));
             }
-            shot::draw(scene, &eye, &place, e, rng, &random, &self.known).map(|d| Aimed::Drawn(d, 1.0 - share))
+            shot::draw(scene, &eye, &place, e, rng, &random, |c| self.known.holds(c))
+                .map(|d| Aimed::Drawn(d, 1.0 - share))
         };
         let found = self.through(cx, &eye, &place, start, lead[0], 0, rng, &random, aim, begins);
         cx.tally.missed_boundary += lost.get();
