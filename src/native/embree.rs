@@ -798,7 +798,9 @@ fn examine() -> Result<String> {
         sys::intersect1(scene, (&raw mut context).cast(), (&raw mut probe).cast());
         sys::rtcReleaseScene(scene);
         device.check("probe")?;
-        if probe.mark != [MARK; 64] || probe.rayhit.hit.geomID != 5 || probe.rayhit.ray.tfar != 1.0 {
+        // Embree multiplies by reciprocals that some processors round otherwise: 1 to a few units of the last place.
+        let met = probe.rayhit.hit.geomID == 5 && (probe.rayhit.ray.tfar - 1.0).abs() < 1e-5;
+        if probe.mark != [MARK; 64] || !met {
             return Err(misfit("its structures have another layout"));
         }
     }
