@@ -42,6 +42,8 @@ pub struct Aim {
     pub w: DVec3,
     pub distance: f64,
     pub turn: Turn,
+    /// Of this connection among those that score the same motion ([`super::twin`]).
+    pub share: f64,
     /// The homogeneous model beside the light: its position only, without optical depth.
     pub model: bool,
     /// For points of line integrals through grids.
@@ -50,7 +52,7 @@ pub struct Aim {
 
 impl Aim {
     pub fn new(light: u32, y: DVec3, medium: Option<u32>, on: On, a: &Arrival, turn: Turn, rng: Rng) -> Self {
-        Aim { light, y, medium, on, w: a.w, distance: a.distance, turn, model: false, rng }
+        Aim { light, y, medium, on, w: a.w, distance: a.distance, turn, share: 1.0, model: false, rng }
     }
 }
 
@@ -58,7 +60,7 @@ impl Aim {
 pub fn partials(scene: &Scene, params: &ParamSet, aim: &Aim, value: Rgb, sink: &mut impl Sink) {
     let light = &scene.lights[aim.light as usize];
     let place = light.place;
-    let w = aim.w;
+    let (w, value) = (aim.w, value * aim.share);
 
     // On ẇ, and on ṙ.
     let mut turning = Covector::default();

@@ -15,6 +15,7 @@ use super::aim::{Aim, Turn};
 use super::light_centred::Sight;
 use super::record::{CHAINS_OF_CHAINS, Event, MediumSpan, Recorder};
 use super::transmit;
+use super::twin::Twin;
 use super::vertex::Vertex;
 use super::walk::{State, Walker};
 use crate::math::rng::{Purpose, Rng};
@@ -49,10 +50,10 @@ pub(super) fn entered<R: Recorder>(w: &Walker<R>, x: Option<DVec3>, y: DVec3) ->
 }
 
 /// Score the balls of the vertex at `s.o`.
-pub fn score<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
+pub fn score<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Option<&Twin>) {
     if R::ON && w.scene.has_embedded_lights() && w.may_scatter(s.depth + 1) {
         if s.depth + 1 >= w.set.min_order {
-            ball(w, s, vertex);
+            ball(w, s, vertex, twin);
         }
         if w.may_scatter(s.depth + 2) {
             let chains = w.rec.chains();
@@ -61,6 +62,12 @@ pub fn score<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             }
         }
     }
+}
+
+/// A light whose motion this path still scores, its bit and its place.
+pub(super) fn light_to_follow<R: Recorder>(w: &Walker<R>, s: &mut State) -> Option<(u32, u64, DVec3)> {
+    let (light, _, p) = moving_light(w, s)?;
+    Some((light, w.rec.follows(light)?, p))
 }
 
 /// A light whose motion this path still scores, its probability and its place.
@@ -82,7 +89,7 @@ fn moving_light<R: Recorder>(w: &Walker<R>, s: &mut State) -> Option<(u32, f64, 
 /// a vanishing sphere that moves with p (it is what [T] (64) leaves out where h is not even in n). No vertex moves, so no
 /// silhouette needs a term for it. Where a shadow or a silhouette at distance b parts y from p, `r^-3` is left beyond b; the density
 /// `~ r^-2.5` keeps its second moment at `b^-1/2`, which is integrable over all x.
-fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
+fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Option<&Twin>) {
     let scene = w.scene;
     let Some((light, q, p)) = moving_light(w, s) else { return };
     let (u, v, z) = (s.aside.uniform(), s.aside.uniform(), s.aside.uniform());
@@ -91,15 +98,17 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     if r <= 0.0 || !r.is_finite() || p + n * r == p {
         return;
     }
-    // A point and its mirror image, half each: what is odd about the light cancels.
-    let density = q / (radius * r).sqrt() / (4.0 * PI * r * r);
+    // A point and its mirror image, half each: what is odd about the light cancels. With their twins: what is odd about the axis too.
+    let turned = twin.filter(|t| t.light == light).map(|t| t.turn(n));
+    let pairs = if turned.is_some() { 2.0 } else { 1.0 };
+    let density = pairs * q / (radius * r).sqrt() / (4.0 * PI * r * r);
     let prefix = s.beta / s.r.mean();
     let side = w.rec.side_len();
     // Apart from the stream that the connection's own line integral draws from: the two are multiplied.
     let mut rng = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 3, 0);
     // Exact transmittances: noise of their own would not cancel.
     let at_light = Sight::new(w, s, vertex, p, None);
-    for n in [n, -n] {
+    for n in [Some(n), turned].into_iter().flatten().flat_map(|n| [n, -n]) {
         let y = p + n * r;
         let Some(a) = scene.arrival(light, y, 0.0, 0.0) else { continue };
         let at_y = Sight::new(w, s, vertex, y, None);
@@ -127,7 +136,7 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         if let Some(sight) = &at_light {
             let h = rest(sight, p) * phase(sight);
             w.rec.push(Event::Aim { aim: Aim { model: true, ..aim(sight) }, value: -(h * light_at_y) });
-            let flux = h * a.emission.color() * (2.0 * PI / q);
+            let flux = h * a.emission.color() * (2.0 * PI / (pairs * q));
             w.rec.push(Event::Drift { slot: scene.lights[light as usize].place.position, v: -n, value: flux });
         }
     }
@@ -167,7 +176,7 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, probabi
     let mut next = State::new(own, x, sight.direction, Some(medium));
     next.aside = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 2, 0);
     (next.beta, next.start, next.depth) = (beta, beta.max(), s.depth + 1);
-    let mut aims = Aims { light, bit, events: Vec::new() };
+    let mut aims = Aims::new(light, bit);
     let mut sub = Walker::new(scene, w.set, &mut aims);
     sub.turn(&mut next, medium);
     sub.run(next);
@@ -176,10 +185,16 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, probabi
 }
 
 /// Keeps what scores the motion of one light, and nothing else.
-struct Aims {
+pub(super) struct Aims {
     light: u32,
     bit: u64,
-    events: Vec<Event>,
+    pub events: Vec<Event>,
+}
+
+impl Aims {
+    pub fn new(light: u32, bit: u64) -> Self {
+        Aims { light, bit, events: Vec::new() }
+    }
 }
 
 impl Recorder for Aims {

@@ -51,6 +51,11 @@ pub(super) fn flight_ratio(scene: &Scene, id: u32, flight: &Flight, p: DVec3) ->
     if own > 0.0 { (own + equi + centred) / own } else { f64::INFINITY }
 }
 
+/// What a connection to a light counts of its motion: on a drawn direction maybe not all ([`super::twin`]).
+fn share(s: &State, light: u32, reach: Option<(DVec3, f64)>) -> f64 {
+    s.twin.filter(|t| reach.is_some() && t.0 == light).map_or(1.0, |t| t.1)
+}
+
 /// Next-event estimation from a collision in medium `id` at `s.o`.
 pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
     let phase = &w.scene.media[id as usize].phase;
@@ -63,8 +68,9 @@ pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
     let f = phase.eval(m);
     let ratio = flight_ratio(w.scene, light, &s.flight, s.o);
     let weight = s.beta / s.r.mean() * (f * a.factor / probability);
+    let share = share(s, light, s.flight.reach);
     let aim = beside::follows(w, light, s.left, s.o, s.flight.reach.map(|r| r.0))
-        .then(|| Aim::new(light, s.o, Some(id), On::default(), &a, Turn::Phase(id, s.w), s.aside));
+        .then(|| Aim { share, ..Aim::new(light, s.o, Some(id), On::default(), &a, Turn::Phase(id, s.w), s.aside) });
     let end = End::of(light, s.o, &a);
     let p_direction = w.scene.critical.density(s.o, s.drawn, a.w, f);
     finish(w, s, &a, end, (&On::default(), s.medium), weight, probability, p_direction, ratio, Some((id, m)), aim);
@@ -151,8 +157,9 @@ pub fn equiangular<R: Recorder>(
         0.0
     };
     let weight = prefix * transmittance * shadow * (f * a.factor / (equi + flight + centred + by_direction));
+    let (share, turn) = (share(s, light, reach), Turn::Phase(span.medium, span.w));
     let aim = beside::follows(w, light, s.left, p, reach.map(|r| r.0))
-        .then(|| Aim::new(light, p, Some(span.medium), On::default(), &a, Turn::Phase(span.medium, span.w), s.aside));
+        .then(|| Aim { share, ..Aim::new(light, p, Some(span.medium), On::default(), &a, turn, s.aside) });
     let end = End::of(light, p, &a);
     score(w, &a, end, weight, depth + 1, first, [Some((span.medium, m)), None], Some(via), aim);
 }

@@ -7,6 +7,7 @@
 
 use super::aim::{Aim, Turn};
 use super::record::{Drawn, End, MediumSpan, Recorder};
+use super::twin::Twin;
 use super::vertex::{Toward, Vertex};
 use super::walk::{State, Walker};
 use super::{beside, connect};
@@ -118,8 +119,20 @@ impl Sight {
     }
 }
 
+/// A point that was drawn around a light, and how.
+struct Centred {
+    light: u32,
+    center: DVec3,
+    y: DVec3,
+    /// Per volume.
+    density: f64,
+    u: [f64; 2],
+    /// Of this connection in the light's motion.
+    share: f64,
+}
+
 /// Connect the vertex at `s.o` to a light through a point drawn around that light.
-pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
+pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Option<&Twin>) {
     let scene = w.scene;
     if !scene.has_embedded_lights() || !w.may_scatter(s.depth + 1) {
         return;
@@ -133,43 +146,56 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     if r <= 0.0 {
         return;
     }
-    let first = w.rec.side_len();
-    let mut rng = s.rng;
-    let sight = Sight::new(w, s, vertex, y, Some(&mut rng));
-    s.rng = rng;
-    let Some(sight) = sight else { return };
-    let lead = w.rec.side_len() - first;
-    let Sight { span, t, per_length, density: p_direction, .. } = sight;
-    let m = &scene.media[span.medium as usize];
-    let (_, sigma_s) = m.coefficients(y);
-    if sigma_s.is_zero() && !R::ON {
-        return;
+    let mut c = Centred { light, center, y, density: q * density(r, radius), u: [v, z], share: 1.0 };
+    if let Some(twin) = twin.filter(|t| t.light == light) {
+        c.share = 0.5;
+        let y = center + twin.turn(y - center);
+        let mut rng = s.rng;
+        twin.score(w, |sub| Centred { y, ..c }.connect(sub, s, &mut rng, vertex));
     }
+    let mut rng = s.rng;
+    c.connect(w, s, &mut rng, vertex);
+    s.rng = rng;
+}
 
-    // The three techniques for y, per volume.
-    let flight = scene.selection(light) * tracking::flight_density(m, &span, t) * p_direction;
-    let angles = connect::angles(center, &span);
-    let equi = if angles.usable() { scene.local_selection(light) * angles.density(t) * p_direction } else { 0.0 };
-    let own = q * density(r, radius);
-    let Some(a) = scene.arrival(light, y, v, z) else { return };
-    let m2 = one_minus_cos(sight.direction, a.w);
-    let weight = s.beta / s.r.mean()
-        * sight.tint
-        * sight.transmittance
-        * (per_length * m.phase.eval(m2) * a.factor / (flight + equi + own));
+impl Centred {
+    fn connect<R: Recorder>(&self, w: &mut Walker<R>, s: &State, rng: &mut Rng, vertex: &Vertex) {
+        let scene = w.scene;
+        let Centred { light, center, y, density: own, u: [v, z], share } = *self;
+        let first = w.rec.side_len();
+        let Some(sight) = Sight::new(w, s, vertex, y, Some(&mut *rng)) else { return };
+        let lead = w.rec.side_len() - first;
+        let Sight { span, t, per_length, density: p_direction, .. } = sight;
+        let m = &scene.media[span.medium as usize];
+        let (_, sigma_s) = m.coefficients(y);
+        if sigma_s.is_zero() && !R::ON {
+            return;
+        }
 
-    // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
-    let mut unscored = s.rng;
-    let rng = if sigma_s.is_zero() { &mut unscored } else { &mut s.rng };
-    let Some((shadow, _)) = transmit::shadow(w, rng, Some(span.medium), y, &On::default(), &a) else { return };
-    let phases = [sight.phase, Some((span.medium, m2))];
-    let aim = beside::follows(w, light, s.left, y, Some(s.o)).then(|| {
-        let turn = Turn::Phase(span.medium, sight.direction);
-        Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside)
-    });
-    let end = End::of(light, y, &a);
-    let via = Drawn { medium: span.medium, p: y, sigma: sigma_s, span, lead };
-    if let Some(value) = connect::score(w, &a, end, weight * shadow, s.depth + 1, first, phases, Some(via), aim) {
-        vertex.scored(w.rec, sight.direction, value);
+        // The three techniques for y, per volume.
+        let flight = scene.selection(light) * tracking::flight_density(m, &span, t) * p_direction;
+        let angles = connect::angles(center, &span);
+        let equi = if angles.usable() { scene.local_selection(light) * angles.density(t) * p_direction } else { 0.0 };
+        let Some(a) = scene.arrival(light, y, v, z) else { return };
+        let m2 = one_minus_cos(sight.direction, a.w);
+        let weight = s.beta / s.r.mean()
+            * sight.tint
+            * sight.transmittance
+            * (per_length * m.phase.eval(m2) * a.factor / (flight + equi + own));
+
+        // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
+        let mut unscored = *rng;
+        let rng = if sigma_s.is_zero() { &mut unscored } else { rng };
+        let Some((shadow, _)) = transmit::shadow(w, rng, Some(span.medium), y, &On::default(), &a) else { return };
+        let phases = [sight.phase, Some((span.medium, m2))];
+        let aim = beside::follows(w, light, s.left, y, Some(s.o)).then(|| {
+            let turn = Turn::Phase(span.medium, sight.direction);
+            Aim { share, ..Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside) }
+        });
+        let end = End::of(light, y, &a);
+        let via = Drawn { medium: span.medium, p: y, sigma: sigma_s, span, lead };
+        if let Some(value) = connect::score(w, &a, end, weight * shadow, s.depth + 1, first, phases, Some(via), aim) {
+            vertex.scored(w.rec, sight.direction, value);
+        }
     }
 }

@@ -24,6 +24,7 @@ pub mod specular;
 pub mod sweep;
 pub mod tracking;
 pub mod transmit;
+pub mod twin;
 pub mod velocity;
 pub mod vertex;
 pub mod walk;

@@ -8,6 +8,7 @@ use super::first::{Leg, Opening};
 use super::pane_motion::PaneAim;
 use super::ray::Specular;
 use super::sweep::Candidates;
+use super::twin::Ways;
 use super::walk::{Flight, Stage, State};
 use crate::light::{Arrival, Emission};
 use crate::math::rng::Rng;
@@ -15,6 +16,7 @@ use crate::math::{DVec3, Rgb};
 use crate::params::Slot;
 use crate::scene::{Hit, On, Scene};
 use crate::surface::Normals;
+use std::sync::Arc;
 
 /// Walks around the light from a vertex of the path, and from a vertex of such a walk.
 pub(super) const CHAINS: f64 = 1.0;
@@ -178,6 +180,10 @@ pub trait Recorder {
     fn follows(&self, _light: u32) -> Option<u64> {
         None
     }
+    /// How that light moves; `None` where its motion is not to be scored in pairs ([`super::twin`]).
+    fn ways(&self, _light: u32) -> Option<&Ways> {
+        None
+    }
     /// `value` was added to the path's, after `order` scatterings.
     fn score(&mut self, _order: u32, _value: Rgb) {}
     /// Nothing more is wanted of this walk.
@@ -211,8 +217,8 @@ pub struct PathRecord {
     pub candidates: Option<Candidates>,
     /// Events held at a time.
     pub chunk: usize,
-    /// Lights that move, by their bits; 0 for the others.
-    pub moving: Vec<u64>,
+    /// Lights that move, by their bits, 0 for the others, and how.
+    pub moving: Arc<[(u64, Ways)]>,
     /// Legs of all chains so far ([`Opening`]).
     pub legs: Vec<Leg>,
     opening: Opening,
@@ -227,7 +233,7 @@ impl PathRecord {
             chunk_starts: Vec::new(),
             candidates: None,
             chunk: CHUNK,
-            moving: Vec::new(),
+            moving: Arc::new([]),
             legs: Vec::new(),
             opening: Opening::default(),
             unused: Rng::keyed(0, 0, 0, 0),
@@ -271,7 +277,11 @@ impl Recorder for PathRecord {
     }
 
     fn follows(&self, light: u32) -> Option<u64> {
-        self.moving.get(light as usize).copied().filter(|&bit| bit != 0)
+        self.moving.get(light as usize).map(|m| m.0).filter(|&bit| bit != 0)
+    }
+
+    fn ways(&self, light: u32) -> Option<&Ways> {
+        self.moving.get(light as usize).map(|m| &m.1)
     }
 
     fn checkpoint(&mut self, scene: &Scene, state: &State) -> bool {

@@ -18,6 +18,7 @@ use super::chained::{Start, Starts};
 use super::first::Opening;
 use super::motion::{Chain, Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
+use super::twin::Ways;
 use super::walk::{Flight, Stage, State, Tally, Walker};
 use super::{aim, camera_line, pane_motion};
 use crate::error::Result;
@@ -73,8 +74,8 @@ pub struct SweepFacts {
     surfaces: Vec<bool>,
     /// Rough ones whose values are parameters.
     rough: Vec<bool>,
-    /// A bit for each light that moves ([`State::left`]), 0 for the others.
-    lights: Vec<u64>,
+    /// A bit for each light that moves ([`State::left`]), 0 for the others, and how.
+    lights: Arc<[(u64, Ways)]>,
     any_source: bool,
     moving: Moving,
     borders: Borders,
@@ -120,10 +121,10 @@ impl SweepFacts {
         let bit = |(i, l): (usize, &crate::light::Light)| {
             // A hard edge leaves nothing else of the light to the interior.
             if !l.place.moves(params) || moving.follows(i as u32) {
-                return 0;
+                return (0, Ways::default());
             }
             count += 1;
-            1u64.checked_shl(count - 1).unwrap_or(0)
+            (1u64.checked_shl(count - 1).unwrap_or(0), Ways::new(&l.place, params))
         };
         let lights = scene.lights.iter().enumerate().map(bit).collect();
         let any_source = any_source || borders.any();
@@ -283,7 +284,7 @@ impl Sweep<'_> {
             super::sample(self.scene, self.set, State { drawn: None, ..state.clone() }, &mut Tally::default())
         });
         rec.chunk_starts.clear();
-        rec.moving.clone_from(&self.facts.lights);
+        rec.moving = self.facts.lights.clone();
         state.aside = state.rng.beside(derivative.next_u64());
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
         let first = state.clone();

@@ -10,6 +10,7 @@
 
 use super::record::{End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
+use super::twin::{self, Twin};
 use super::vertex::{Facing, Vertex};
 use super::{beam, beside, camera_line, connect, glow, light_centred, pane, specular};
 use crate::math::rng::Rng;
@@ -67,6 +68,8 @@ pub struct State {
     pub to_environment: f64,
     /// Technique weights of the equi-angular connection at the collision at hand.
     pub flight: Flight,
+    /// A light, and the share of this flight's connections to it in its motion ([`twin`]).
+    pub twin: Option<(u32, f64)>,
     /// First surface vertex of a derivative continuation: its reflectance counts as 1.
     pub unit_reflectance: bool,
     /// The second chain: the unscattered part of the camera line.
@@ -122,6 +125,7 @@ impl State {
             tau: Rgb::ZERO,
             to_environment: 0.0,
             flight: Flight::default(),
+            twin: None,
             unit_reflectance: false,
             pending: None,
             lead: None,
@@ -136,7 +140,7 @@ impl State {
 }
 
 /// Relative weight below which roulette begins: analog absorption from the first collision on would cost variance, none at all time.
-const ROULETTE: f64 = 0.2;
+pub(super) const ROULETTE: f64 = 0.2;
 
 /// What a walk met besides light.
 #[derive(Clone, Copy, Debug, Default)]
@@ -356,10 +360,12 @@ impl<'a, R: Recorder> Walker<'a, R> {
     /// Everything at a collision but its own connection to a light.
     pub(super) fn turn(&mut self, s: &mut State, id: u32) {
         let medium: &Medium = &self.scene.media[id as usize];
+        let vertex = Vertex::Medium(id);
+        let twin = Twin::new(self, s);
         if R::CONNECTS {
-            light_centred::connect(self, s, &Vertex::Medium(id));
+            light_centred::connect(self, s, &vertex, twin.as_ref());
         }
-        beside::score(self, s, &Vertex::Medium(id));
+        beside::score(self, s, &vertex, twin.as_ref());
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let critical = &self.scene.critical;
         let (w, m) = match critical.sample(s.o, s.drawn, &mut s.rng) {
@@ -371,6 +377,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
         let f = medium.phase.eval(m);
         s.pdf_direction = critical.density(s.o, s.drawn, w, f);
+        s.twin = twin.map(|t| (t.light, twin::fly(self, s, &vertex, &t, (w, s.pdf_direction), s.rng)));
         // Weights that cones bring about: roulette must not take away the directions that were wanted.
         if s.pdf_direction != f {
             s.beta *= f / s.pdf_direction;
@@ -384,7 +391,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
     }
 
     /// A surface at `hit`: its emission, then passage or reflection.
-    fn surface(&mut self, s: &mut State, hit: Hit) {
+    pub(super) fn surface(&mut self, s: &mut State, hit: Hit) {
         let scene = self.scene;
         let shape = &scene.shapes[hit.shape as usize];
         let tolerance = scene.tolerance(hit.p);
@@ -445,14 +452,15 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         let vertex = Vertex::Surface(facing);
+        let twin = Twin::new(self, s);
         if R::CONNECTS {
             connect::from_surface(self, s, &facing);
             beam::connect(self, s, &vertex);
             pane::connect(self, s, &vertex);
-            light_centred::connect(self, s, &vertex);
+            light_centred::connect(self, s, &vertex, twin.as_ref());
             glow::connect(self, s, &vertex);
         }
-        beside::score(self, s, &vertex);
+        beside::score(self, s, &vertex, twin.as_ref());
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let uniform = self.scene.uniform_share;
         let critical = &self.scene.critical;
@@ -467,6 +475,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             s.stage = Stage::Done;
             return;
         };
+        s.twin = twin.map(|t| (t.light, twin::fly(self, s, &vertex, &t, (w, lobe.pdf), s.rng)));
         if uniform > 0.0 || self.scene.least_through > 0.0 || matches!(surface, Surface::Rough(_)) {
             s.beta *= lobe.tint * (lobe.f / lobe.pdf);
             s.start *= facing.hidden(self.scene, w, lobe.pdf);
