@@ -268,7 +268,7 @@ impl Graze {
         }
         if cx.set.max_depth > 2 {
             let walk = LightWalk { reach, motion: &motion, source: &far.light };
-            walk.run(cx, z, scale, rng, emit);
+            walk.run(cx, z, scale, &[], rng, emit);
         }
     }
 

@@ -11,7 +11,7 @@ use super::sheet_samples::{self, Found};
 use super::{Context, LightMotion, Motion, Room, Sample};
 use crate::light::{LightKind, Place};
 use crate::math::discrete::Discrete;
-use crate::math::guide::Numbers;
+use crate::math::guide::{DIMENSIONS, Numbers};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, warp};
 use crate::params::Partial;
@@ -142,6 +142,10 @@ impl Room for HardProfile {
         !self.cones.is_empty()
     }
 
+    fn guided_numbers(&self) -> usize {
+        DIMENSIONS
+    }
+
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         if self.cones.is_empty() {
             return;
@@ -153,6 +157,6 @@ impl Room for HardProfile {
         let ray = cone.ray(cone.axis * cone.cos + (x * c + y * s) * cone.sin);
         let ray = Ray { across: ray.across * probability, ..ray };
         let motion = |cx: &Context, rho: f64, point: &Point, watch: &Watch| cone.motion(cx, &ray, rho, point, watch);
-        sheet_samples::outward(cx, &self.reach, &ray, &[], &motion, rng, emit);
+        sheet_samples::outward(cx, &self.reach, &ray, &[], &motion, &lead[1..], rng, emit);
     }
 }

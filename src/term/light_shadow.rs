@@ -11,7 +11,7 @@ use super::sheet::{Grazed, Partials, Ray, Reach};
 use super::sheet_samples::{self, Found};
 use super::{Context, Motion, Room, Sample};
 use crate::math::discrete::Discrete;
-use crate::math::guide::Numbers;
+use crate::math::guide::{DIMENSIONS, Numbers};
 use crate::math::rng::Rng;
 use crate::params::{Partial, Slot};
 use crate::scene::Scene;
@@ -99,6 +99,10 @@ impl Room for LightShadow {
         });
     }
 
+    fn guided_numbers(&self) -> usize {
+        DIMENSIONS
+    }
+
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         let (k, probability, _) = self.table.sample(lead[0]);
         let shadow = &self.lights[k];
@@ -106,6 +110,6 @@ impl Room for LightShadow {
         let ray = Ray { across: ray.across * probability, ..ray };
         let motion =
             |cx: &Context, rho: f64, point: &Point, watch: &Watch| shadow.motion(cx, &ray, rho, grazed, point, watch);
-        sheet_samples::outward(cx, &self.reach, &ray, grazed, &motion, rng, emit);
+        sheet_samples::outward(cx, &self.reach, &ray, grazed, &motion, &lead[2..], rng, emit);
     }
 }

@@ -122,7 +122,16 @@ pub struct LightWalk<'a> {
 
 impl LightWalk<'_> {
     /// Everything that `weight` at the vertex brings to the picture, its own direct way to the camera excepted. Scatterings so far: 1.
-    pub fn run(&self, cx: &mut Context, z: Vertex, weight: Rgb, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+    /// `lead`: the first numbers to be used, as far as there are any.
+    pub fn run(
+        &self,
+        cx: &mut Context,
+        z: Vertex,
+        weight: Rgb,
+        lead: &[f64],
+        rng: &mut Rng,
+        emit: &mut dyn FnMut(&Sample),
+    ) {
         let (scene, set) = (cx.scene, cx.set);
         let mut z = z;
         let mut s = State::new(*rng, z.p, z.w, z.medium);
@@ -141,7 +150,8 @@ impl LightWalk<'_> {
             }
             let shown = self.source.shown(set, s.depth + 1);
             if !shown.is_zero() {
-                self.through_a_camera_ray(cx, &z, s.depth == 1, s.beta / s.r.mean() * shown, &mut s.rng, emit);
+                let lead = if s.depth == 1 { lead } else { &[] };
+                self.through_a_camera_ray(cx, &z, s.depth == 1, s.beta / s.r.mean() * shown, lead, &mut s.rng, emit);
             }
             let (u, v) = (s.rng.uniform(), s.rng.uniform());
             let Some((w, f, density)) = z.sample(scene, u, v) else { break };
@@ -216,6 +226,7 @@ impl LightWalk<'_> {
         z: &Vertex,
         start: bool,
         weight: Rgb,
+        lead: &[f64],
         rng: &mut Rng,
         emit: &mut dyn FnMut(&Sample),
     ) {
@@ -224,8 +235,9 @@ impl LightWalk<'_> {
             return;
         }
         let size = cx.film_size();
-        let film = [rng.uniform() * size[0] - cx.margin, rng.uniform() * size[1] - cx.margin];
-        let u = rng.uniform();
+        let mut lead = lead.iter();
+        let [x, y, u] = std::array::from_fn(|_| lead.next().copied().unwrap_or_else(|| rng.uniform()));
+        let film = [x * size[0] - cx.margin, y * size[1] - cx.margin];
         let (o, w) = cx.sensor.ray(film[0], film[1]);
         let Some((lo, hi)) = self.reach.clip(o, w, 0.0, f64::INFINITY) else { return };
         let distances = EquiAngular::new(z.p, o, w, lo, hi);

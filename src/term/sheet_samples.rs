@@ -143,11 +143,12 @@ pub fn outward(
     ray: &Ray,
     grazed: Grazed,
     motion: &dyn Fn(&Context, f64, &Point, &Watch) -> Partials,
+    lead: &[f64],
     rng: &mut Rng,
     emit: &mut dyn FnMut(&Sample),
 ) {
     let scene = cx.scene;
-    let u = rng.uniform();
+    let (u, lead) = lead.split_first().map_or_else(|| (rng.uniform(), lead), |(u, rest)| (*u, rest));
     let Some(end) = receiver(scene, ray, grazed) else { return };
     let limit = end.as_ref().map_or(f64::INFINITY, |h| h.t);
     let within = cx.set.max_depth > 1 && cx.set.min_order <= 1;
@@ -208,6 +209,6 @@ pub fn outward(
         // Nothing scattered it yet.
         let source = ByOrder(vec![Rgb::ONE]);
         let walk = LightWalk { reach, motion: &later, source: &source };
-        walk.run(cx, z, weight * (total / size[k]), rng, emit);
+        walk.run(cx, z, weight * (total / size[k]), lead, rng, emit);
     }
 }

@@ -71,3 +71,27 @@ fn a_sun_turns_over_fog_with_a_floor() {
       <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="30"/><translate y="-1.5"/></transform><bsdf type="diffuse"/></shape>"#;
     against_differences(&fog(light, HG), &[("turn", 0.5)], &["all"], 1 << 15, 0.01);
 }
+
+/// Everything that the camera sees lies in the plane x = 0 with the light, in fog alike on all sides: light that scatters twice is symmetric about
+/// the axis from its first vertex to the light, so that twins cancel without a rest. Alone they would have an error of about the picture's.
+#[test]
+fn twins_about_the_axis_to_the_light_cancel() {
+    let text = r#"<scene version="3.0.0">
+      <default name="x" value="0"/><default name="y" value="0.7"/>
+      <integrator type="volpath"><integer name="max_depth" value="3"/></integrator>
+      <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.5"/><float name="albedo" value="0.9"/></medium>
+      <sensor type="orthographic"><transform name="to_world"><scale x="1e-9" y="1e-9"/></transform><ref id="fog"/>
+        <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="box"/></film></sensor>
+      <emitter type="point"><point name="position" value="$x, $y, 2"/><rgb name="intensity" value="10"/><ref id="fog"/></emitter></scene>"#;
+    let (desc, scene) = crate::common::scene(text);
+    let error = |name: &str| {
+        let p = crate::common::params(&desc, &scene, &[name]);
+        let o = crate::common::run(&scene, 256, 3, tyndall::render::driver::Mode::Forward(&p));
+        let (picture, d) = (crate::common::estimate(&o, 0), crate::common::estimate(&o, 1));
+        println!("{name}: {d:?} {picture:?}");
+        assert!(picture.value[0] > 0.0);
+        (d.value[0].abs() + d.error[0]) / picture.value[0]
+    };
+    assert!(error("x") < 1e-7, "{}", error("x"));
+    assert!(error("y") > 0.1);
+}
