@@ -64,6 +64,12 @@ pub struct Place {
 }
 
 impl Place {
+    /// Whether this slot is one of its numbers.
+    pub fn holds(&self, slot: Slot) -> bool {
+        let of = |first: Slot, n| first != Slot::MAX && (first..first + n).contains(&slot);
+        of(self.position, 3) || of(self.direction, 3) || of(self.angles, 2) || of(self.radius, 1)
+    }
+
     /// Whether any parameter moves the light.
     pub fn moves(&self, params: &ParamSet) -> bool {
         let active = |first: Slot, n| first != Slot::MAX && params.block_active(first, n);

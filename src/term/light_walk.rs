@@ -99,7 +99,7 @@ pub fn clear(
     let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
     let t = transmit::shadow(&mut walker, rng, medium, p, on, &a);
     cx.tally.missed_boundary += walker.tally.missed_boundary;
-    t.map(|t| t.0)
+    t.map(|t| t.transmittance)
 }
 
 /// `scatter x film area x transmittance` of a vertex seen by the camera.

@@ -23,7 +23,7 @@ fn irradiance(cx: &mut Context, ray: &Ray, y: DVec3, medium: Option<u32>, on: &O
     };
     let mut rec = NoRecord;
     let mut w = Walker::new(cx.scene, cx.set, &mut rec);
-    let (t, _) = transmit::through(&mut w, rng, medium, y, on, &a)?;
+    let t = transmit::through(&mut w, rng, medium, y, on, &a)?.transmittance;
     cx.tally.missed_boundary += w.tally.missed_boundary;
     Some(t * a.emission.color() * a.factor)
 }

@@ -46,13 +46,15 @@ pub struct Aim {
     pub share: f64,
     /// The homogeneous model beside the light: its position only, without optical depth.
     pub model: bool,
+    /// No interface lies between y and the light.
+    pub within: bool,
     /// For points of line integrals through grids.
     pub rng: Rng,
 }
 
 impl Aim {
     pub fn new(light: u32, y: DVec3, medium: Option<u32>, on: On, a: &Arrival, turn: Turn, rng: Rng) -> Self {
-        Aim { light, y, medium, on, w: a.w, distance: a.distance, turn, share: 1.0, model: false, rng }
+        Aim { light, y, medium, on, w: a.w, distance: a.distance, turn, share: 1.0, model: false, within: false, rng }
     }
 }
 
@@ -68,7 +70,7 @@ pub fn partials(scene: &Scene, params: &ParamSet, aim: &Aim, value: Rgb, sink: &
     turning.add(aim.turn.score(scene, w), value);
     if !aim.model {
         let mut rng = aim.rng;
-        let line = Line { o: aim.y, w, length: aim.distance, medium: aim.medium, on: aim.on };
+        let line = Line { o: aim.y, w, length: aim.distance, medium: aim.medium, on: aim.on, within: aim.within };
         let passes = |v, s: f64, sigma: Rgb| turning.add(v, -(value * (sigma * s)));
         optical_depth(scene, &line, &mut rng, passes, |sigma| growing += -(value * sigma));
     }
@@ -140,6 +142,8 @@ pub(super) struct Line {
     pub length: f64,
     pub medium: Option<u32>,
     pub on: On,
+    /// It is known to meet no interface.
+    pub within: bool,
 }
 
 /// The derivative of its optical depth: triples `(v, s, weight)` with the meaning `weight <v, ẏ>`, y being the point at the distance s, and the
@@ -151,11 +155,11 @@ pub(super) fn optical_depth(
     mut passes: impl FnMut(DVec3, f64, Rgb),
     mut growing: impl FnMut(Rgb),
 ) -> (Option<u32>, On) {
-    let Line { mut o, w, length: whole, mut medium, mut on } = *line;
+    let Line { mut o, w, length: whole, mut medium, mut on, within } = *line;
     let (mut before, mut entered) = (0.0, None);
     for _ in 0..scene.max_interfaces {
         let left = whole - before;
-        let hit = scene.boundary(o, w, left, &on, medium);
+        let hit = if within { None } else { scene.boundary(o, w, left, &on, medium) };
         let length = hit.as_ref().map_or(left, |h| h.t);
         if let Some(id) = medium {
             let m = &scene.media[id as usize];

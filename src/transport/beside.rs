@@ -100,7 +100,7 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Op
     }
     // A point and its mirror image, half each: what is odd about the light cancels. With their twins: what is odd about the axis too.
     let turned = twin.filter(|t| t.light == light).map(|t| t.turn(n));
-    let pairs = if turned.is_some() { 2.0 } else { 1.0 };
+    let pairs = 1.0;
     let density = pairs * q / (radius * r).sqrt() / (4.0 * PI * r * r);
     let prefix = s.beta / s.r.mean();
     let side = w.rec.side_len();
@@ -108,7 +108,8 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Op
     let mut rng = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 3, 0);
     // Exact transmittances: noise of their own would not cancel.
     let at_light = Sight::new(w, s, vertex, p, None);
-    for n in [Some(n), turned].into_iter().flatten().flat_map(|n| [n, -n]) {
+    for n in [Some(n), turned].into_iter().flatten().flat_map(|n| if turned.is_some() { vec![n] } else { vec![n, -n] })
+    {
         let y = p + n * r;
         let Some(a) = scene.arrival(light, y, 0.0, 0.0) else { continue };
         let at_y = Sight::new(w, s, vertex, y, None);
@@ -128,9 +129,9 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Op
         let light_at_y = a.emission.color() * (a.factor / density);
         if let Some(sight) = &at_y {
             let on = On::default();
-            if let Some((shadow, _)) = transmit::shadow(w, &mut rng, Some(sight.span.medium), y, &on, &a) {
-                let value = rest(sight, y) * shadow * phase(sight) * light_at_y;
-                w.rec.push(Event::Aim { aim: aim(sight), value });
+            if let Some(clear) = transmit::shadow(w, &mut rng, Some(sight.span.medium), y, &on, &a) {
+                let value = rest(sight, y) * clear.transmittance * phase(sight) * light_at_y;
+                w.rec.push(Event::Aim { aim: Aim { within: clear.within, ..aim(sight) }, value });
             }
         }
         if let Some(sight) = &at_light {
@@ -176,32 +177,32 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, probabi
     let mut next = State::new(own, x, sight.direction, Some(medium));
     next.aside = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 2, 0);
     (next.beta, next.start, next.depth) = (beta, beta.max(), s.depth + 1);
-    let mut aims = Aims::new(light, bit);
+    let mut push = |e| w.rec.push(e);
+    let mut aims = Aims::new(light, bit, &mut push);
     let mut sub = Walker::new(scene, w.set, &mut aims);
     sub.turn(&mut next, medium);
     sub.run(next);
     w.tally = w.tally.plus(&sub.tally);
-    aims.events.into_iter().for_each(|e| w.rec.push(e));
 }
 
 /// Keeps what scores the motion of one light, and nothing else.
-pub(super) struct Aims {
+pub(super) struct Aims<'a> {
     light: u32,
     bit: u64,
-    pub events: Vec<Event>,
+    push: &'a mut dyn FnMut(Event),
 }
 
-impl Aims {
-    pub fn new(light: u32, bit: u64) -> Self {
-        Aims { light, bit, events: Vec::new() }
+impl<'a> Aims<'a> {
+    pub fn new(light: u32, bit: u64, push: &'a mut dyn FnMut(Event)) -> Self {
+        Aims { light, bit, push }
     }
 }
 
-impl Recorder for Aims {
+impl Recorder for Aims<'_> {
     const ON: bool = true;
     fn push(&mut self, e: Event) {
-        if matches!(e, Event::Aim { .. } | Event::PaneAim { .. } | Event::Drift { .. }) {
-            self.events.push(e);
+        if e.moves_a_light() {
+            (self.push)(e);
         }
     }
     fn side_span(&mut self, _: MediumSpan) {}

@@ -149,17 +149,21 @@ pub fn equiangular<R: Recorder>(
     let via = Drawn { medium: span.medium, p, sigma: sigma_s, span, lead: w.rec.side_len() - first };
     let m = one_minus_cos(span.w, a.w);
     let f = medium.phase.eval(m);
-    let Some((shadow, tau)) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
+    let Some(clear) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
     // A direction drawn at the end of the flight may meet a lamp as well.
     let by_direction = if a.pdf > 0.0 {
-        flight_density * scene.critical.density(p, s.drawn, a.w, f) * survival(tau) / a.pdf
+        flight_density * scene.critical.density(p, s.drawn, a.w, f) * survival(clear.depth) / a.pdf
     } else {
         0.0
     };
-    let weight = prefix * transmittance * shadow * (f * a.factor / (equi + flight + centred + by_direction));
+    let weight =
+        prefix * transmittance * clear.transmittance * (f * a.factor / (equi + flight + centred + by_direction));
     let (share, turn) = (share(s, light, reach), Turn::Phase(span.medium, span.w));
-    let aim = beside::follows(w, light, s.left, p, reach.map(|r| r.0))
-        .then(|| Aim { share, ..Aim::new(light, p, Some(span.medium), On::default(), &a, turn, s.aside) });
+    let aim = beside::follows(w, light, s.left, p, reach.map(|r| r.0)).then(|| Aim {
+        share,
+        within: clear.within,
+        ..Aim::new(light, p, Some(span.medium), On::default(), &a, turn, s.aside)
+    });
     let end = End::of(light, p, &a);
     score(w, &a, end, weight, depth + 1, first, [Some((span.medium, m)), None], Some(via), aim);
 }
@@ -179,15 +183,16 @@ fn finish<R: Recorder>(
     aim: Option<Aim>,
 ) -> Option<Rgb> {
     let first = w.rec.side_len();
-    let (t, tau) = transmit::shadow(w, &mut s.rng, medium, s.o, on, a)?;
-    let mut weight = weight * t;
+    let clear = transmit::shadow(w, &mut s.rng, medium, s.o, on, a)?;
+    let mut weight = weight * clear.transmittance;
     weight *= if a.pdf > 0.0 {
         // What `direction_share` leaves over.
         let light = probability * a.pdf;
-        light / (light * ratio + p_direction * survival(tau))
+        light / (light * ratio + p_direction * survival(clear.depth))
     } else {
         1.0 / ratio
     };
+    let aim = aim.map(|aim| Aim { within: clear.within, ..aim });
     score(w, a, end, weight, s.depth, first, [phase, None], None, aim)
 }
 

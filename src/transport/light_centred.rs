@@ -186,15 +186,21 @@ impl Centred {
         // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
         let mut unscored = *rng;
         let rng = if sigma_s.is_zero() { &mut unscored } else { rng };
-        let Some((shadow, _)) = transmit::shadow(w, rng, Some(span.medium), y, &On::default(), &a) else { return };
+        let Some(clear) = transmit::shadow(w, rng, Some(span.medium), y, &On::default(), &a) else { return };
         let phases = [sight.phase, Some((span.medium, m2))];
         let aim = beside::follows(w, light, s.left, y, Some(s.o)).then(|| {
             let turn = Turn::Phase(span.medium, sight.direction);
-            Aim { share, ..Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside) }
+            Aim {
+                share,
+                within: clear.within,
+                ..Aim::new(light, y, Some(span.medium), On::default(), &a, turn, s.aside)
+            }
         });
         let end = End::of(light, y, &a);
         let via = Drawn { medium: span.medium, p: y, sigma: sigma_s, span, lead };
-        if let Some(value) = connect::score(w, &a, end, weight * shadow, s.depth + 1, first, phases, Some(via), aim) {
+        if let Some(value) =
+            connect::score(w, &a, end, weight * clear.transmittance, s.depth + 1, first, phases, Some(via), aim)
+        {
             vertex.scored(w.rec, sight.direction, value);
         }
     }

@@ -77,7 +77,7 @@ fn depths(
     let mut rng = aim.rng;
     let [first, second] = [r.lengths[1], r.lengths[0]];
     // Back from x to the face.
-    let line = Line { o: aim.x, w: -r.behind.value(), length: first.v, medium: aim.medium, on: aim.on };
+    let line = Line { o: aim.x, w: -r.behind.value(), length: first.v, medium: aim.medium, on: aim.on, within: false };
     let mut changes = [Rgb::ZERO; 3];
     let passes = |v: DVec3, s: f64, sigma: Rgb| {
         (0..3).for_each(|k| add(k, sigma * -(s * v.dot(behind[k]))));
@@ -92,7 +92,7 @@ fn depths(
     } else {
         (medium, if w.dot(pane.n) > 0.0 { On::inside(&hit) } else { On::at(&hit) })
     };
-    let line = Line { o: p, w: -r.before.value(), length: second.v, medium, on };
+    let line = Line { o: p, w: -r.before.value(), length: second.v, medium, on, within: false };
     let passes = |v: DVec3, s: f64, sigma: Rgb| {
         (0..3).for_each(|k| add(k, sigma * v.dot(at[k] - before[k] * s)));
     };

@@ -157,6 +157,13 @@ pub enum Event {
     Drift { slot: Slot, v: DVec3, value: Rgb },
 }
 
+impl Event {
+    #[inline]
+    pub fn moves_a_light(&self) -> bool {
+        matches!(self, Event::Aim { .. } | Event::PaneAim { .. } | Event::Drift { .. })
+    }
+}
+
 /// What the walk writes to. `ON = false` compiles every write away.
 pub trait Recorder {
     const ON: bool;
@@ -219,6 +226,8 @@ pub struct PathRecord {
     pub chunk: usize,
     /// Lights that move, by their bits, 0 for the others, and how.
     pub moving: Arc<[(u64, Ways)]>,
+    /// Nothing but the motion of lights is asked for: of the path no more is kept.
+    pub lights_only: bool,
     /// Legs of all chains so far ([`Opening`]).
     pub legs: Vec<Leg>,
     opening: Opening,
@@ -234,6 +243,7 @@ impl PathRecord {
             candidates: None,
             chunk: CHUNK,
             moving: Arc::new([]),
+            lights_only: false,
             legs: Vec::new(),
             opening: Opening::default(),
             unused: Rng::keyed(0, 0, 0, 0),
@@ -260,12 +270,17 @@ impl Recorder for PathRecord {
     const ON: bool = true;
 
     fn push(&mut self, e: Event) {
+        if self.lights_only && !e.moves_a_light() {
+            return;
+        }
         self.legs.extend(self.opening.follow(&e));
         self.events.push(e);
     }
 
     fn side_span(&mut self, s: MediumSpan) {
-        self.side.push(s);
+        if !self.lights_only {
+            self.side.push(s);
+        }
     }
 
     fn side_len(&self) -> u32 {
@@ -305,6 +320,9 @@ impl Recorder for PathRecord {
     }
 
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
+        if self.lights_only {
+            return None;
+        }
         // A regenerated chunk must hold as many events as the first time; its candidates are not looked at.
         Some(self.candidates.as_mut().map_or(&mut self.unused, |c| &mut c.rng))
     }

@@ -77,6 +77,8 @@ pub struct SweepFacts {
     /// A bit for each light that moves ([`State::left`]), 0 for the others, and how.
     lights: Arc<[(u64, Ways)]>,
     any_source: bool,
+    /// No parameter changes anything but the place of lights without extent.
+    lights_only: bool,
     moving: Moving,
     borders: Borders,
 }
@@ -128,7 +130,9 @@ impl SweepFacts {
         };
         let lights = scene.lights.iter().enumerate().map(bit).collect();
         let any_source = any_source || borders.any();
-        Ok(SweepFacts { media, surfaces, rough, lights, any_source, moving, borders })
+        let others = params.only(|s| !scene.lights.iter().any(|l| l.place.holds(s)));
+        let lights_only = !others.any_active() && !moving.any();
+        Ok(SweepFacts { media, surfaces, rough, lights, any_source, lights_only, moving, borders })
     }
 }
 
@@ -284,7 +288,7 @@ impl Sweep<'_> {
             super::sample(self.scene, self.set, State { drawn: None, ..state.clone() }, &mut Tally::default())
         });
         rec.chunk_starts.clear();
-        rec.moving = self.facts.lights.clone();
+        (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
         state.aside = state.rng.beside(derivative.next_u64());
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
         let first = state.clone();

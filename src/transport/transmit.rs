@@ -58,7 +58,17 @@ pub fn depth_to_transmittance(sigma: Rgb, t: f64) -> Rgb {
     sigma.map(|s| if s == 0.0 { 1.0 } else { (-s * t).exp() })
 }
 
-/// Transmittance of the shadow ray of `a` from `p`, and the optical depth of its homogeneous spans;
+/// A way on which nothing opaque stands.
+#[derive(Clone, Copy, Debug)]
+pub struct Clear {
+    pub transmittance: Rgb,
+    /// Optical depth of its homogeneous spans.
+    pub depth: Rgb,
+    /// It meets no interface.
+    pub within: bool,
+}
+
+/// The shadow ray of `a` from `p`;
 /// `None` where something opaque stands in between or nothing is left.
 pub fn shadow<R: Recorder>(
     w: &mut Walker<R>,
@@ -67,7 +77,7 @@ pub fn shadow<R: Recorder>(
     p: DVec3,
     on: &On,
     a: &Arrival,
-) -> Option<(Rgb, Rgb)> {
+) -> Option<Clear> {
     if w.scene.opaque_blocks(p, a, on) {
         return None;
     }
@@ -82,12 +92,12 @@ pub fn through<R: Recorder>(
     p: DVec3,
     on: &On,
     a: &Arrival,
-) -> Option<(Rgb, Rgb)> {
+) -> Option<Clear> {
     let scene = w.scene;
     let (mut o, mut on, mut medium, mut left) = (p, *on, medium, a.distance);
     let (mut t, mut tau) = (Rgb::ONE, Rgb::ZERO);
     // Null interfaces only: whatever is opaque was asked above.
-    for _ in 0..scene.max_interfaces {
+    for met in 0..scene.max_interfaces {
         let hit = scene.boundary(o, a.w, left, &on, medium);
         let length = hit.as_ref().map_or(left, |h| h.t);
         if let Some(id) = medium {
@@ -104,7 +114,7 @@ pub fn through<R: Recorder>(
                 return None;
             }
         }
-        let Some(h) = hit else { return Some((t, tau)) };
+        let Some(h) = hit else { return Some(Clear { transmittance: t, depth: tau, within: met == 0 }) };
         let shape = &scene.shapes[h.shape as usize];
         medium = shape.medium_behind(a.w, h.n, medium);
         on = on.crossed(&h, scene.tolerance(h.p));

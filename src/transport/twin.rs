@@ -79,11 +79,11 @@ impl Twin {
 
     /// The same technique at the twin, in a walk of its own: `run` gets its walker, and what moves the light goes to the record.
     pub(super) fn score<R: Recorder>(&self, w: &mut Walker<R>, run: impl FnOnce(&mut Walker<Aims>)) {
-        let mut aims = Aims::new(self.light, self.bit);
+        let mut push = |e| w.rec.push(e);
+        let mut aims = Aims::new(self.light, self.bit, &mut push);
         let mut sub = Walker::new(w.scene, w.set, &mut aims);
         run(&mut sub);
         w.tally = w.tally.plus(&sub.tally);
-        aims.events.into_iter().for_each(|e| w.rec.push(e));
     }
 }
 
