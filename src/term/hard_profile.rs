@@ -143,7 +143,7 @@ impl Room for HardProfile {
     }
 
     fn guided_numbers(&self) -> usize {
-        DIMENSIONS
+        if self.cones.is_empty() { 0 } else { DIMENSIONS }
     }
 
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {

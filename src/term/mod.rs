@@ -299,7 +299,7 @@ pub trait Room: Send + Sync {
     /// One sample from the sheet outward. `lead`: the numbers that it begins with.
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample));
 
-    /// How many numbers of `lead` may have any density: none where samples are weighed against those along camera rays.
+    /// How many numbers of `lead` are drawn with a learned density ([`crate::math::guide`]). Weights against samples along camera rays do not know it.
     fn guided_numbers(&self) -> usize {
         0
     }
