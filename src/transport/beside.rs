@@ -98,18 +98,16 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Op
     if r <= 0.0 || !r.is_finite() || p + n * r == p {
         return;
     }
-    // A point and its mirror image, half each: what is odd about the light cancels. With their twins: what is odd about the axis too.
-    let turned = twin.filter(|t| t.light == light).map(|t| t.turn(n));
-    let pairs = 1.0;
-    let density = pairs * q / (radius * r).sqrt() / (4.0 * PI * r * r);
+    // Two points, half each: a point and its twin, or its mirror image, with which what is odd about the light cancels.
+    let other = twin.filter(|t| t.light == light).map_or(-n, |t| t.turn(n));
+    let density = q / (radius * r).sqrt() / (4.0 * PI * r * r);
     let prefix = s.beta / s.r.mean();
     let side = w.rec.side_len();
     // Apart from the stream that the connection's own line integral draws from: the two are multiplied.
     let mut rng = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 3, 0);
     // Exact transmittances: noise of their own would not cancel.
     let at_light = Sight::new(w, s, vertex, p, None);
-    for n in [Some(n), turned].into_iter().flatten().flat_map(|n| if turned.is_some() { vec![n] } else { vec![n, -n] })
-    {
+    for n in [n, other] {
         let y = p + n * r;
         let Some(a) = scene.arrival(light, y, 0.0, 0.0) else { continue };
         let at_y = Sight::new(w, s, vertex, y, None);
@@ -137,7 +135,7 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Op
         if let Some(sight) = &at_light {
             let h = rest(sight, p) * phase(sight);
             w.rec.push(Event::Aim { aim: Aim { model: true, ..aim(sight) }, value: -(h * light_at_y) });
-            let flux = h * a.emission.color() * (2.0 * PI / (pairs * q));
+            let flux = h * a.emission.color() * (2.0 * PI / q);
             w.rec.push(Event::Drift { slot: scene.lights[light as usize].place.position, v: -n, value: flux });
         }
     }
