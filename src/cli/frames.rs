@@ -1,5 +1,6 @@
 //! `--frames`: a sequence as one run after the other. Each is what the same command line does with the frame's number in its names.
 
+use super::files;
 use super::log::Log;
 use clap::Args;
 use std::collections::HashSet;
@@ -70,8 +71,8 @@ impl Frame {
     pub fn output(&self, option: &str, path: &Path) -> Result<PathBuf> {
         let text = path.to_string_lossy();
         if self.several && !frame::has_pattern(&text) {
-            let numbered =
-                path.with_extension(format!("####.{}", path.extension().unwrap_or_default().to_string_lossy()));
+            let extension = path.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
+            let numbered = path.with_extension(format!("####{extension}"));
             return Err(Error::usage(
                 format!("`{option} {text}` is one file for several frames"),
                 format!("put `####` or `{{frame:04}}` where the frame's number belongs: {}", numbered.display()),
@@ -80,9 +81,11 @@ impl Frame {
         self.input(option, path)
     }
 
-    /// The end of a default name.
-    pub fn ending(&self, ending: &str) -> String {
-        if self.number.is_some() { format!("_####{ending}") } else { ending.into() }
+    /// The default name of a file that a scene gives, with a place for the frame's number.
+    pub fn default_name(&self, scene: &Path, ending: &str) -> PathBuf {
+        let placed = scene.file_stem().is_some_and(|s| frame::has_pattern(&s.to_string_lossy()));
+        let place = if self.number.is_some() && !placed { "_####" } else { "" };
+        files::default_name(scene, &format!("{place}{ending}"))
     }
 }
 
@@ -124,6 +127,16 @@ impl FrameOptions {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_have_one_place_for_a_number() {
+        let frame = Frame { number: Some(3), several: true };
+        let name = |scene: &str| frame.default_name(Path::new(scene), ".exr").display().to_string();
+        assert_eq!((name("a/smoke.xml"), name("a/smoke_##.xml")), ("smoke_####.exr".into(), "smoke_##.exr".into()));
+        let remedy = |path: &str| frame.output("-o", Path::new(path)).unwrap_err().to_string();
+        assert!(remedy("out.exr").contains("belongs: out.####.exr"), "{}", remedy("out.exr"));
+        assert!(remedy("out").ends_with("belongs: out.####"), "{}", remedy("out"));
+    }
 
     #[test]
     fn frames_are_ranges_and_lists() {

@@ -1,6 +1,6 @@
 //! `tyndall grad`: derivative images (forward mode), or the gradient of a loss (reverse mode).
 
-use super::files::{self, Outputs};
+use super::files::Outputs;
 use super::format;
 use super::frames::{Frame, FrameOptions};
 use super::log::Log;
@@ -90,7 +90,7 @@ impl GradArgs {
         let outputs = if !self.is_reverse() {
             Some(self.render.image_outputs(frame, &self.output, &self.scene.scene, ".grad.exr")?)
         } else {
-            let name = || files::default_name(&self.scene.scene, &frame.ending(".grad.vdb"));
+            let name = || frame.default_name(&self.scene.scene, ".grad.vdb");
             let extension = if voxels { "vdb" } else { "json" };
             let path = self.output.clone().or_else(|| voxels.then(name));
             let path = path.map(|p| frame.output("--output", &p)).transpose()?;

@@ -1,6 +1,6 @@
 //! Options that commands share, and how their values are read.
 
-use super::files::{self, Outputs};
+use super::files::Outputs;
 use super::frames::Frame;
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
@@ -137,7 +137,7 @@ pub struct StudyOptions {
 impl RenderOptions {
     /// Where the images of a frame go; `ending`: of the default name.
     pub fn image_outputs(&self, frame: Frame, output: &Option<PathBuf>, scene: &Path, ending: &str) -> Result<Outputs> {
-        let name = output.clone().unwrap_or_else(|| files::default_name(scene, &frame.ending(ending)));
+        let name = output.clone().unwrap_or_else(|| frame.default_name(scene, ending));
         let preview = self.preview.as_ref().map(|p| frame.output("--preview", p)).transpose()?;
         Outputs::new(frame.output("--output", &name)?, "exr", preview, self.overwrite)
     }

@@ -200,10 +200,6 @@ impl Scene {
     }
 
     /// Whether the path goes on at this surface.
-    pub fn passes(&self, hit: &Hit) -> bool {
-        self.surfaces[self.shapes[hit.shape as usize].surface as usize].is_null()
-    }
-
     pub fn reflects(&self, hit: &Hit) -> bool {
         match &self.surfaces[self.shapes[hit.shape as usize].surface as usize] {
             crate::surface::Surface::Diffuse { reflectance, .. } => !reflectance.is_zero(),

@@ -104,12 +104,12 @@ impl Room for LightShadow {
     }
 
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
-        let (k, probability, _) = self.table.sample(lead[0]);
+        let (k, probability, u) = self.table.sample(lead[0]);
         let shadow = &self.lights[k];
-        let Some((ray, grazed, _)) = shadow.outlines.sample(lead[1]) else { return };
+        let Some((ray, grazed, _)) = shadow.outlines.sample(u) else { return };
         let ray = Ray { across: ray.across * probability, ..ray };
         let motion =
             |cx: &Context, rho: f64, point: &Point, watch: &Watch| shadow.motion(cx, &ray, rho, grazed, point, watch);
-        sheet_samples::outward(cx, &self.reach, &ray, grazed, &motion, &lead[2..], rng, emit);
+        sheet_samples::outward(cx, &self.reach, &ray, grazed, &motion, &lead[1..], rng, emit);
     }
 }

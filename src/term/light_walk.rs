@@ -122,7 +122,7 @@ pub struct LightWalk<'a> {
 
 impl LightWalk<'_> {
     /// Everything that `weight` at the vertex brings to the picture, its own direct way to the camera excepted. Scatterings so far: 1.
-    /// `lead`: the first numbers to be used, as far as there are any.
+    /// `lead`: film point and distance of the start's camera ray, as far as they are given.
     pub fn run(
         &self,
         cx: &mut Context,
@@ -150,8 +150,9 @@ impl LightWalk<'_> {
             }
             let shown = self.source.shown(set, s.depth + 1);
             if !shown.is_zero() {
-                let lead = if s.depth == 1 { lead } else { &[] };
-                self.through_a_camera_ray(cx, &z, s.depth == 1, s.beta / s.r.mean() * shown, lead, &mut s.rng, emit);
+                let start = s.depth == 1;
+                let lead = if start { lead } else { &[] };
+                self.through_a_camera_ray(cx, &z, start, s.beta / s.r.mean() * shown, lead, &mut s.rng, emit);
             }
             let (u, v) = (s.rng.uniform(), s.rng.uniform());
             let Some((w, f, density)) = z.sample(scene, u, v) else { break };

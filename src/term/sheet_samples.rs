@@ -136,7 +136,7 @@ pub fn crossing(
 }
 
 /// A point of the sheet's ray in a medium, and the surface at its end: straight to the camera, and one of them by way of further
-/// scatterings [T] (36). `motion` gives -v_n for a point of the ray at its distance.
+/// scatterings [T] (36). `motion` gives -v_n for a point of the ray at its distance. `lead`: the number that the distance comes from, and those of [`LightWalk::run`].
 pub fn outward(
     cx: &mut Context,
     reach: &Reach,
@@ -148,13 +148,12 @@ pub fn outward(
     emit: &mut dyn FnMut(&Sample),
 ) {
     let scene = cx.scene;
-    let (u, lead) = lead.split_first().map_or_else(|| (rng.uniform(), lead), |(u, rest)| (*u, rest));
     let Some(end) = receiver(scene, ray, grazed) else { return };
     let limit = end.as_ref().map_or(f64::INFINITY, |h| h.t);
     let within = cx.set.max_depth > 1 && cx.set.min_order <= 1;
     let mut starts: [Option<(Vertex, Rgb, f64)>; 2] = [None, None];
 
-    let point = reach.sample(ray, u).filter(|p| p.0 < limit);
+    let point = reach.sample(ray, lead[0]).filter(|p| p.0 < limit);
     if let Some((rho, density)) = point {
         let y = ray.at(rho);
         let toward = if ray.distant { -ray.w } else { ray.origin - y };
@@ -209,6 +208,6 @@ pub fn outward(
         // Nothing scattered it yet.
         let source = ByOrder(vec![Rgb::ONE]);
         let walk = LightWalk { reach, motion: &later, source: &source };
-        walk.run(cx, z, weight * (total / size[k]), lead, rng, emit);
+        walk.run(cx, z, weight * (total / size[k]), &lead[1..], rng, emit);
     }
 }

@@ -46,7 +46,7 @@ pub struct Aim {
     pub share: f64,
     /// The homogeneous model beside the light: its position only, without optical depth.
     pub model: bool,
-    /// No interface lies between y and the light.
+    /// The connection is known to meet no interface.
     pub within: bool,
     /// For points of line integrals through grids.
     pub rng: Rng,

@@ -64,17 +64,20 @@ pub fn score<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twi
     }
 }
 
-/// A light whose motion this path still scores, its bit and its place.
-pub(super) fn light_to_follow<R: Recorder>(w: &Walker<R>, s: &mut State) -> Option<(u32, u64, DVec3)> {
-    let (light, _, p) = moving_light(w, s)?;
-    Some((light, w.rec.follows(light)?, p))
+/// A light whose motion a path still scores.
+pub(super) struct Followed {
+    pub light: u32,
+    pub bit: u64,
+    /// Probability of its choice.
+    pub q: f64,
+    pub p: DVec3,
 }
 
-/// A light whose motion this path still scores, its probability and its place.
-fn moving_light<R: Recorder>(w: &Walker<R>, s: &mut State) -> Option<(u32, f64, DVec3)> {
+pub(super) fn follow<R: Recorder>(w: &Walker<R>, s: &mut State) -> Option<Followed> {
     let (light, q) = w.scene.select_embedded_light(s.aside.uniform())?;
     let p = w.scene.lights[light as usize].center()?;
-    w.rec.follows(light).filter(|bit| s.left & bit == 0).map(|_| (light, q, p))
+    let bit = w.rec.follows(light).filter(|bit| s.left & bit == 0)?;
+    Some(Followed { light, bit, q, p })
 }
 
 /// The motion of a light that stands in a medium, scored at next vertices y within a ball of radius R around it, R half the distance
@@ -91,7 +94,7 @@ fn moving_light<R: Recorder>(w: &Walker<R>, s: &mut State) -> Option<(u32, f64, 
 /// `~ r^-2.5` keeps its second moment at `b^-1/2`, which is integrable over all x.
 fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Option<&Twin>) {
     let scene = w.scene;
-    let Some((light, q, p)) = moving_light(w, s) else { return };
+    let Some(Followed { light, q, p, .. }) = follow(w, s) else { return };
     let (u, v, z) = (s.aside.uniform(), s.aside.uniform(), s.aside.uniform());
     let radius = BESIDE * (p - s.o).length();
     let (r, n) = (radius * u * u, warp::sphere(v, z));
@@ -148,8 +151,7 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Op
 /// `probability`: of being called.
 fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, probability: f64) {
     let scene = w.scene;
-    let Some((light, q, p)) = moving_light(w, s) else { return };
-    let Some(bit) = w.rec.follows(light) else { return };
+    let Some(Followed { light, bit, q, p }) = follow(w, s) else { return };
     let (u, v, z) = (s.aside.uniform(), s.aside.uniform(), s.aside.uniform());
     let radius = BESIDE * (p - s.o).length();
     let r = radius * u;
@@ -175,12 +177,10 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, probabi
     let mut next = State::new(own, x, sight.direction, Some(medium));
     next.aside = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 2, 0);
     (next.beta, next.start, next.depth) = (beta, beta.max(), s.depth + 1);
-    let mut push = |e| w.rec.push(e);
-    let mut aims = Aims::new(light, bit, &mut push);
-    let mut sub = Walker::new(scene, w.set, &mut aims);
-    sub.turn(&mut next, medium);
-    sub.run(next);
-    w.tally = w.tally.plus(&sub.tally);
+    Aims::walk(w, light, bit, |sub| {
+        sub.turn(&mut next, medium);
+        sub.run(next);
+    });
 }
 
 /// Keeps what scores the motion of one light, and nothing else.
@@ -190,9 +190,14 @@ pub(super) struct Aims<'a> {
     push: &'a mut dyn FnMut(Event),
 }
 
-impl<'a> Aims<'a> {
-    pub fn new(light: u32, bit: u64, push: &'a mut dyn FnMut(Event)) -> Self {
-        Aims { light, bit, push }
+impl Aims<'_> {
+    /// A walk beside the path: what it scores of the light's motion goes to the path's record.
+    pub fn walk<R: Recorder>(w: &mut Walker<R>, light: u32, bit: u64, run: impl FnOnce(&mut Walker<Aims>)) {
+        let mut push = |e| w.rec.push(e);
+        let mut aims = Aims { light, bit, push: &mut push };
+        let mut sub = Walker::new(w.scene, w.set, &mut aims);
+        run(&mut sub);
+        w.tally = w.tally.plus(&sub.tally);
     }
 }
 

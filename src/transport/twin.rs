@@ -5,13 +5,13 @@
 //! of ṗ across a. Alone the two are noise about a mean that nearly vanishes; together they cancel but for phase functions, shadows and what is
 //! not uniform in the medium.
 //!
-//! Every technique that draws y at x becomes symmetric: with density p(y) for y and p(y') for its twin, either scores `f / (p(y) + p(y'))`,
-//! whichever was drawn. Points around the light have p(y) = p(y'); directions ω have the vertex's own density, and the flight along ω' draws
-//! its distance from the same random numbers. Weights between techniques are functions of y and stay as they are.
+//! Every technique that draws a point y of a medium at x and connects it to the light becomes symmetric: with density p(y) for y and p(y') for its twin, either scores
+//! `f / (p(y) + p(y'))`, whichever was drawn. Points around the light have p(y) = p(y'); directions ω have the vertex's own density, and the flight along ω' draws
+//! its distance from the numbers that the flight along ω would draw from next. Weights between techniques are functions of y and stay as they are.
 //!
-//! Only the motion of the light knows of twins; the walk does not change.
+//! Only the motion of the light knows of twins; the walk does not change. Surfaces that a direction meets, panes, and walks around the light have none.
 
-use super::beside::{Aims, light_to_follow};
+use super::beside::{self, Aims, Followed};
 use super::connect;
 use super::record::Recorder;
 use super::vertex::{Toward, Vertex};
@@ -66,7 +66,7 @@ impl Twin {
         if !wanted || s.depth + 1 < w.set.min_order || (s.beta / s.r.mean()).max() < ROULETTE * s.start {
             return None;
         }
-        let (light, bit, p) = light_to_follow(w, s)?;
+        let Followed { light, bit, p, .. } = beside::follow(w, s)?;
         let axis = (p - s.o).normalize();
         let across = w.rec.ways(light).map_or(0.0, |ways| ways.across(axis));
         (across >= ACROSS).then_some(Twin { light, bit, axis })
@@ -79,11 +79,7 @@ impl Twin {
 
     /// The same technique at the twin, in a walk of its own: `run` gets its walker, and what moves the light goes to the record.
     pub(super) fn score<R: Recorder>(&self, w: &mut Walker<R>, run: impl FnOnce(&mut Walker<Aims>)) {
-        let mut push = |e| w.rec.push(e);
-        let mut aims = Aims::new(self.light, self.bit, &mut push);
-        let mut sub = Walker::new(w.scene, w.set, &mut aims);
-        run(&mut sub);
-        w.tally = w.tally.plus(&sub.tally);
+        Aims::walk(w, self.light, self.bit, run);
     }
 }
 
@@ -117,10 +113,11 @@ pub fn fly<R: Recorder>(
 
 /// A flight through interfaces of media to a collision, and the connection from there.
 fn to_collision(w: &mut Walker<Aims>, mut s: State) {
-    for _ in 0..w.scene.max_interfaces {
+    // As many stages as the path itself may take.
+    for _ in 0..w.set.cap {
         match s.stage {
             Stage::Fly => w.fly(&mut s),
-            Stage::Surface(hit) if w.scene.passes(&hit) => w.surface(&mut s, hit),
+            Stage::Surface(hit) if w.scene.is_null(&w.scene.shapes[hit.shape as usize]) => w.surface(&mut s, hit),
             Stage::Medium => {
                 let Some(id) = s.medium else { return };
                 s.depth += 1;
@@ -129,4 +126,5 @@ fn to_collision(w: &mut Walker<Aims>, mut s: State) {
             _ => return,
         }
     }
+    w.tally.missed_boundary += 1;
 }

@@ -471,11 +471,14 @@ impl<'a, R: Recorder> Walker<'a, R> {
         };
         let lobe = w.map_or(Lobe::NONE, |w| facing.lobe(self.scene, w));
         s.pdf_direction = lobe.pdf;
-        let Some(w) = w.filter(|_| lobe.pdf > 0.0 && lobe.f > 0.0) else {
+        let w = w.filter(|_| lobe.pdf > 0.0);
+        // A direction that brings nothing itself may have a twin that does.
+        let twin = w.zip(twin).map(|(w, t)| (t.light, twin::fly(self, s, &vertex, &t, (w, lobe.pdf), s.rng)));
+        let Some(w) = w.filter(|_| lobe.f > 0.0) else {
             s.stage = Stage::Done;
             return;
         };
-        s.twin = twin.map(|t| (t.light, twin::fly(self, s, &vertex, &t, (w, lobe.pdf), s.rng)));
+        s.twin = twin;
         if uniform > 0.0 || self.scene.least_through > 0.0 || matches!(surface, Surface::Rough(_)) {
             s.beta *= lobe.tint * (lobe.f / lobe.pdf);
             s.start *= facing.hidden(self.scene, w, lobe.pdf);
