@@ -12,7 +12,6 @@ import os
 import re
 import resource
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -37,7 +36,7 @@ def dense(grid):
     return a.transpose(2, 1, 0)
 h = np.array(density.transform.voxelSize())
 np.savez(sys.argv[2], density=dense(density), size=(high - low + 1) * h, corner=(low - 0.5) * h,
-         **{f"g{i}": dense(vdb.readAllGridMetadata(p) and vdb.read(p, vdb.readAllGridMetadata(p)[0].name)) for i, p in enumerate(sys.argv[3:])})
+         **{f"g{i}": dense(vdb.readAll(p)[0][0]) for i, p in enumerate(sys.argv[3:])})
 """
 
 
@@ -82,7 +81,7 @@ def compare(what, a, b, a_cpu, b_cpu, asked):
     va, vb = a.var(0, ddof=1).ravel(), b.var(0, ddof=1).ravel()
     trimmed = lambda v: np.sort(v)[: -max(1, v.size // 1000)].mean()
     ratio = lambda f: f(vb) / f(va) * b_cpu / a_cpu if f(va) > 0 else np.nan
-    error = lambda x: x.mean((1,)).std(ddof=1) / len(x) ** 0.5
+    error = lambda x: x.mean(1).std(ddof=1) / len(x) ** 0.5
     fa, fb = a.reshape(len(a), -1), b.reshape(len(b), -1)
     print(f"{what}: mean ours {fa.mean():.6g} +- {error(fa):.2g}, theirs {fb.mean():.6g} +- {error(fb):.2g}; a run ours {a_cpu:.2f} s, variance {va.mean():.3g}, theirs {b_cpu:.2f} s, "
           f"{vb.mean():.3g}; efficiency ours/theirs {ratio(np.mean):.2f} (median {ratio(np.median):.2f}, trimmed {ratio(trimmed):.2f}; asked {asked})", flush=True)
@@ -126,7 +125,7 @@ def main():
         return np.array(dr.grad(params[key]))[..., 0].astype(np.float64)
 
     backward(999)
-    a, b, ac, bc, memory = [], [], 0.0, 0.0, 0
+    a, b, ac, bc = [], [], 0.0, 0.0
     with tempfile.TemporaryDirectory() as folder:
         paths = [f"{folder}/{seed}.vdb" for seed in range(1, o.seeds + 1)]
         for seed, path in enumerate(paths, 1):

@@ -64,16 +64,20 @@ pub struct Place {
 }
 
 impl Place {
+    /// Its numbers: their first slot and how many there are.
+    fn blocks(&self) -> impl Iterator<Item = (Slot, u32)> {
+        let all = [(self.position, 3), (self.direction, 3), (self.angles, 2), (self.radius, 1)];
+        all.into_iter().filter(|b| b.0 != Slot::MAX)
+    }
+
     /// Whether this slot is one of its numbers.
     pub fn holds(&self, slot: Slot) -> bool {
-        let of = |first: Slot, n| first != Slot::MAX && (first..first + n).contains(&slot);
-        of(self.position, 3) || of(self.direction, 3) || of(self.angles, 2) || of(self.radius, 1)
+        self.blocks().any(|(first, n)| (first..first + n).contains(&slot))
     }
 
     /// Whether any parameter moves the light.
     pub fn moves(&self, params: &ParamSet) -> bool {
-        let active = |first: Slot, n| first != Slot::MAX && params.block_active(first, n);
-        active(self.position, 3) || active(self.direction, 3) || active(self.angles, 2) || active(self.radius, 1)
+        self.blocks().any(|(first, n)| params.block_active(first, n))
     }
 }
 

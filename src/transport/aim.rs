@@ -10,7 +10,7 @@
 //! * optical depth: `σ(p) ṙ + ∫ s <∇σ,ẇ> ds - Σ over borders of Δσ s <n,ẇ>/<n,w>` ([T] (10), (13), (16) with the medium's own source left out).
 //!
 //! All vertices of a path stay where they are. Beside the light that is not integrable (`∂_p r^-2 ~ r^-3`); there
-//! [`super::light_centred::beside`] takes over, and connections of other techniques score no motion.
+//! [`super::beside`] takes over, and connections of other techniques score no motion.
 
 use super::record::MediumSpan;
 use crate::light::{Arrival, Light, LightKind, spot_falloff};

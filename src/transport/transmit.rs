@@ -68,8 +68,7 @@ pub struct Clear {
     pub within: bool,
 }
 
-/// The shadow ray of `a` from `p`;
-/// `None` where something opaque stands in between or nothing is left.
+/// The shadow ray of `a` from `p`; `None` where something opaque stands in between or nothing is left.
 pub fn shadow<R: Recorder>(
     w: &mut Walker<R>,
     rng: &mut Rng,

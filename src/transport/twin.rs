@@ -1,4 +1,4 @@
-//! Twins: what a vertex sends toward a light that moves across their axis, in pairs that cancel.
+//! Twins: what a vertex sends toward a light that moves across their axis, in pairs that cancel ([T] 5.5, whose terms they estimate; the pairs themselves are ours).
 //!
 //! From a vertex x the axis a points to a light at p that stands in a medium. With the next vertex y turned about it by half a turn,
 //! `y' = p + ρ(y - p)`, ρ v = 2 <a,v> a - v, both distances x-y and y-p stay; but the score of the inverse square, `2 <n,ṗ>/r` (n = (p-y)/r), changes its sign for the part
