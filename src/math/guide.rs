@@ -11,7 +11,7 @@ pub const DIMENSIONS: usize = 5;
 pub type Numbers = [f64; DIMENSIONS];
 
 /// Share of the uniform density.
-const UNIFORM: f64 = 0.5;
+const UNIFORM: f64 = 0.25;
 /// Samples of equal size that a box must be worth, `(Σs)²/Σs²`, to be halved: squares are rare, and have heavy tails.
 const SAMPLES: f64 = 32.0;
 /// Halvings from the cube to a box, at most.

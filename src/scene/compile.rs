@@ -106,7 +106,6 @@ impl Scene {
         let mut scene = Scene {
             max_interfaces: 2 * shapes.len() + 64,
             has_glass,
-            exact_transmittance: false,
             uniform_share: 0.0,
             least_through: 0.0,
             critical: Critical::default(),

@@ -154,8 +154,6 @@ pub struct Scene {
     pub max_interfaces: usize,
     /// Whether anything refracts.
     pub has_glass: bool,
-    /// Transmittances of grids are integrals, never estimates: slower, but pictures of nearby scenes then differ by what changed alone.
-    pub exact_transmittance: bool,
     /// Share of uniform directions among those that leave a surface by the cosine: where anything can move, scores like 1/cos must have a
     /// second moment ([T] 2.3). It depends on the scene's parameters alone, so that every picture of it has the same bits.
     pub uniform_share: f64,

@@ -136,10 +136,7 @@ impl Difference {
         let mut points = Vec::new();
         for o in offsets {
             let weight = |f: &Vec<(f64, f64)>| f.iter().filter(|p| p.0 == o).map(|p| p.1).sum();
-            let mut member = at.member(o)?;
-            // Estimates of transmittances would take another turn at every point of the stencil.
-            member.scene.exact_transmittance = true;
-            points.push((member, functionals.iter().map(weight).collect()));
+            points.push((at.member(o)?, functionals.iter().map(weight).collect()));
         }
         Ok(Difference { step, side, points })
     }

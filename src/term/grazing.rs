@@ -260,7 +260,7 @@ impl Graze {
         let motion = |cx: &Context, watch: &Watch| self.motion(cx, &near, distance, far, watch);
         let flux = far.light.shown(cx.set, 1) * scale;
         if let Some(q) = cx.sensor.project(z.p).filter(|q| !flux.is_zero() && cx.on_film(q.film)) {
-            if let Some(f) = seen(cx, &z, &q, rng) {
+            if let Some(f) = seen(cx, &z, &q) {
                 let partials = motion(cx, &Watch::itself(cx, &q, &near));
                 let partials = partials.as_slice();
                 emit(&Sample { film: q.film, flux: flux * f, partials, film_per_sheet: 0.0, outward: 1.0 });

@@ -83,7 +83,6 @@ impl HardBeams {
 
     /// All crossings of a camera path with edges.
     pub fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
-        let mut stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
         let (o, w) = cx.sensor.ray(film[0], film[1]);
         let mut rec = PathRecord::new();
         // Long paths would be cut into chunks.
@@ -105,7 +104,7 @@ impl HardBeams {
                     let m = &cx.scene.media[span.medium as usize];
                     let weight = |t: f64| start * tracking::depth(m, &span.until(t)).map(|d| (-d).exp());
                     let walked = Walked { span, whole: span, weight: &weight, depth };
-                    self.cross(cx, &walked, film, &velocity, &mut stream, emit);
+                    self.cross(cx, &walked, film, &velocity, emit);
                 }
                 Event::Span { span, prefix: Some(prefix) } => {
                     let m = &cx.scene.media[span.medium as usize];
@@ -116,7 +115,7 @@ impl HardBeams {
                         _ => span,
                     };
                     let walked = Walked { span, whole, weight: &weight, depth: prefix.depth };
-                    self.cross(cx, &walked, film, &velocity, &mut stream, emit);
+                    self.cross(cx, &walked, film, &velocity, emit);
                 }
                 _ => {}
             }
@@ -129,7 +128,6 @@ impl HardBeams {
         walked: &Walked,
         film: [f64; 2],
         velocity: &dyn Fn(&MediumSpan, DVec3) -> Velocity,
-        rng: &mut Rng,
         emit: &mut dyn FnMut(&Sample),
     ) {
         let (scene, span) = (cx.scene, walked.span);
@@ -150,7 +148,7 @@ impl HardBeams {
                 };
                 let Some(arrives) = arrives else { continue };
                 let from = (lit, On::default(), Some(span.medium));
-                let Some(shadow) = beam::clear(scene, way, &points, from, rng, &mut |_| {}) else { continue };
+                let Some(shadow) = beam::clear(scene, way, &points, from, &mut |_| {}) else { continue };
                 let m = &scene.media[span.medium as usize];
                 let f = m.phase.eval(one_minus_cos(span.w, -way.w));
                 let flux = (walked.weight)(c.t) * m.coefficients(p).1 * shadow * arrives * (f / c.slope.abs());

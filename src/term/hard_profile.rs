@@ -131,7 +131,7 @@ impl Room for HardProfile {
                         let found = Found { spans, t, ray, rho, grazed: &[] };
                         let (point, watch) = sheet_samples::crossed(cx, span, t);
                         let partials = cone.motion(cx, &ray, rho, &point, &watch);
-                        sheet_samples::crossing(cx, &self.reach, &found, &partials, rng, emit);
+                        sheet_samples::crossing(cx, &self.reach, &found, &partials, emit);
                     }
                 }
             }

@@ -85,7 +85,7 @@ impl Room for LightShadow {
         NAME
     }
 
-    fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+    fn along(&self, cx: &mut Context, film: [f64; 2], _: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         sheet_samples::along(cx, film, |cx, spans, span| {
             for (i, s) in self.lights.iter().enumerate() {
                 s.outlines.crossings(span.o, span.w, 0.0, span.t1, |c| {
@@ -93,7 +93,7 @@ impl Room for LightShadow {
                     let found = Found { spans, t: c.t, ray, rho: c.rho, grazed: c.grazed };
                     let (point, watch) = sheet_samples::crossed(cx, span, c.t);
                     let partials = s.motion(cx, &ray, c.rho, c.grazed, &point, &watch);
-                    sheet_samples::crossing(cx, &self.reach, &found, &partials, rng, emit);
+                    sheet_samples::crossing(cx, &self.reach, &found, &partials, emit);
                 });
             }
         });

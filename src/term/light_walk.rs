@@ -89,7 +89,6 @@ pub fn clear(
     medium: Option<u32>,
     on: &On,
     to_surface: bool,
-    rng: &mut Rng,
 ) -> Option<Rgb> {
     let emission = Emission { first: crate::medium::NO_SLOT, per_channel: true, unit: Rgb::ONE, value: Rgb::ONE };
     // A way that ends on a surface stops a rounding short of it.
@@ -97,18 +96,18 @@ pub fn clear(
         Arrival { w, distance, factor: 1.0, emission, pdf: 0.0, target: to_surface.then_some((0, 0)), n: DVec3::ZERO };
     let mut rec = NoRecord;
     let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
-    let t = transmit::shadow(&mut walker, rng, medium, p, on, &a);
+    let t = transmit::shadow(&mut walker, medium, p, on, &a);
     cx.tally.missed_boundary += walker.tally.missed_boundary;
     t.map(|t| t.transmittance)
 }
 
 /// `scatter x film area x transmittance` of a vertex seen by the camera.
-pub fn seen(cx: &mut Context, z: &Vertex, q: &Projected, rng: &mut Rng) -> Option<Rgb> {
+pub fn seen(cx: &mut Context, z: &Vertex, q: &Projected) -> Option<Rgb> {
     let f = z.scatter(cx.scene, -q.w) * q.pixels_per_area;
     if f.is_zero() {
         return None;
     }
-    Some(f * clear(cx, z.p, -q.w, q.distance, z.medium, &z.on(), false, rng)?)
+    Some(f * clear(cx, z.p, -q.w, q.distance, z.medium, &z.on(), false)?)
 }
 
 /// The walk and its connections.
@@ -175,10 +174,7 @@ impl LightWalk<'_> {
                     }
                     None => 1.0,
                 };
-                let mut stream = s.rng;
-                let seen = seen(cx, &next, &q, &mut stream);
-                s.rng = stream;
-                if let Some(f) = seen {
+                if let Some(f) = seen(cx, &next, &q) {
                     let point = next.hit.map_or(Point::Medium(next.p), Point::Surface);
                     let watch = Watch::by_way(cx, &q, &point, second(&z, s.depth == 2).as_ref());
                     self.emit(cx, q.film, s.beta / s.r.mean() * shown * f * share, &watch, emit);
@@ -258,14 +254,14 @@ impl LightWalk<'_> {
         if f.is_zero() {
             return;
         }
-        let Some((span, transmittance)) = camera_span(cx, o, w, t, rng) else { return };
+        let Some((span, transmittance)) = camera_span(cx, o, w, t) else { return };
         let m = &scene.media[span.medium as usize];
         let sigma_s = m.coefficients(y).1;
         if sigma_s.is_zero() {
             return;
         }
         let per_volume = q.pixels_per_area / (size[0] * size[1]) * distances.density(t);
-        let Some(way) = clear(cx, y, dz, d, Some(span.medium), &On::default(), z.hit.is_some(), rng) else { return };
+        let Some(way) = clear(cx, y, dz, d, Some(span.medium), &On::default(), z.hit.is_some()) else { return };
         let a = self.walk_density(cx, z, -dz, d);
         // Film area cancels against the density of the film point.
         let phase = m.phase.eval(one_minus_cos(w, dz));
@@ -295,7 +291,7 @@ fn second(z: &Vertex, start: bool) -> Option<Point> {
 }
 
 /// The medium span of a camera ray that holds the abscissa `t`, and the transmittance up to there.
-fn camera_span(cx: &mut Context, o: DVec3, w: DVec3, t: f64, rng: &mut Rng) -> Option<(MediumSpan, Rgb)> {
+fn camera_span(cx: &mut Context, o: DVec3, w: DVec3, t: f64) -> Option<(MediumSpan, Rgb)> {
     let scene = cx.scene;
     let (mut o, mut on, mut medium, mut before) = (o, On::default(), cx.sensor.medium, 0.0);
     let mut transmittance = Rgb::ONE;
@@ -307,7 +303,7 @@ fn camera_span(cx: &mut Context, o: DVec3, w: DVec3, t: f64, rng: &mut Rng) -> O
             let end = if holds { (t - before).max(0.0) } else { t1 };
             let whole = MediumSpan::new(id, o, w, t1, &on, hit.as_ref());
             let span = whole.until(end);
-            transmittance *= transmit::one_span(scene, &span, rng);
+            transmittance *= transmit::one_span(scene, &span);
             if holds {
                 return Some((whole, transmittance));
             }

@@ -14,7 +14,7 @@ use crate::transport::transmit;
 use crate::transport::walk::Walker;
 
 /// Irradiance across the ray on the lit side of a sheet at `y`; whether the light gets there is known.
-fn irradiance(cx: &mut Context, ray: &Ray, y: DVec3, medium: Option<u32>, on: &On, rng: &mut Rng) -> Option<Rgb> {
+fn irradiance(cx: &mut Context, ray: &Ray, y: DVec3, medium: Option<u32>, on: &On) -> Option<Rgb> {
     let light = &cx.scene.lights[ray.light as usize];
     let a = match ray.profile {
         // On the very edge rounding decides what the profile is.
@@ -23,7 +23,7 @@ fn irradiance(cx: &mut Context, ray: &Ray, y: DVec3, medium: Option<u32>, on: &O
     };
     let mut rec = NoRecord;
     let mut w = Walker::new(cx.scene, cx.set, &mut rec);
-    let t = transmit::through(&mut w, rng, medium, y, on, &a)?.transmittance;
+    let t = transmit::through(&mut w, medium, y, on, &a)?.transmittance;
     cx.tally.missed_boundary += w.tally.missed_boundary;
     Some(t * a.emission.color() * a.factor)
 }
@@ -105,14 +105,7 @@ pub fn crossed(cx: &Context, span: &MediumSpan, t: f64) -> (Point, Watch) {
 }
 
 /// What the crossing adds to the film point that its camera ray came from [T] (35); `partials` = -v_n.
-pub fn crossing(
-    cx: &mut Context,
-    reach: &Reach,
-    c: &Found,
-    partials: &Partials,
-    rng: &mut Rng,
-    emit: &mut dyn FnMut(&Sample),
-) {
+pub fn crossing(cx: &mut Context, reach: &Reach, c: &Found, partials: &Partials, emit: &mut dyn FnMut(&Sample)) {
     let scene = cx.scene;
     let Some((span, before)) = c.spans.split_last().filter(|_| cx.set.min_order <= 1) else { return };
     let y = span.o + span.w * c.t;
@@ -122,9 +115,9 @@ pub fn crossing(
         return;
     }
     let Some(q) = cx.sensor.project(y) else { return };
-    let Some(e) = irradiance(cx, &c.ray, y, Some(span.medium), &On::default(), rng) else { return };
+    let Some(e) = irradiance(cx, &c.ray, y, Some(span.medium), &On::default()) else { return };
     let part = span.until(c.t);
-    let transmittance = before.iter().chain([&part]).fold(Rgb::ONE, |t, s| t * transmit::one_span(scene, s, rng));
+    let transmittance = before.iter().chain([&part]).fold(Rgb::ONE, |t, s| t * transmit::one_span(scene, s));
     let f = m.phase.eval(one_minus_cos(span.w, -c.ray.w));
     emit(&Sample {
         film: q.film,
@@ -159,13 +152,13 @@ pub fn outward(
         let toward = if ray.distant { -ray.w } else { ray.origin - y };
         let on = On::default();
         let medium = scene.medium_toward(y, toward.normalize(), &on, cx.outer);
-        let e = irradiance(cx, ray, y, medium, &on, rng);
+        let e = irradiance(cx, ray, y, medium, &on);
         if let (Some(id), Some(e)) = (medium, e) {
             let z = Vertex { p: y, w: ray.w, medium, hit: None };
             let flux = e * scene.media[id as usize].coefficients(y).1;
             let density = ray.across * density / ray.spread(rho);
             if let Some(q) = cx.sensor.project(y).filter(|q| within && cx.on_film(q.film)) {
-                if let Some(f) = seen(cx, &z, &q, rng) {
+                if let Some(f) = seen(cx, &z, &q) {
                     let film_per_sheet = if ray.crossed { q.pixels_per_area * ray.n.dot(q.w).abs() } else { 0.0 };
                     let point = Point::Medium(y);
                     let partials = motion(cx, rho, &point, &Watch::itself(cx, &q, &point));
@@ -179,11 +172,11 @@ pub fn outward(
     if let Some(h) = end.filter(|h| scene.reflects(h)) {
         let on = On::at(&h);
         let medium = scene.medium_toward(h.p, -ray.w, &on, cx.outer);
-        if let Some(e) = irradiance(cx, ray, h.p, medium, &on, rng) {
+        if let Some(e) = irradiance(cx, ray, h.p, medium, &on) {
             let z = Vertex { p: h.p, w: ray.w, medium, hit: Some(h) };
             let weight = e * (ray.spread(h.t) / ray.across);
             if let Some(q) = cx.sensor.project(h.p).filter(|q| within && cx.on_film(q.film)) {
-                if let Some(f) = seen(cx, &z, &q, rng) {
+                if let Some(f) = seen(cx, &z, &q) {
                     let point = Point::Surface(h);
                     let partials = motion(cx, h.t, &point, &Watch::itself(cx, &q, &point));
                     let partials = partials.as_slice();

@@ -5,7 +5,6 @@ use super::transmit;
 use super::vertex::{Toward, Vertex};
 use super::walk::{State, Walker};
 use crate::light::{Emission, LightKind, beam_profile};
-use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::scene::beams::Way;
 use crate::scene::{On, Scene};
@@ -37,7 +36,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         let (on, medium) = vertex.start(s, toward);
         let Some(emission) = emission(scene, way, s.o, &mut points) else { continue };
         let first = w.rec.side_len();
-        let Some(t) = clear(scene, way, &points, (s.o, on, medium), &mut s.rng, &mut |span| {
+        let Some(t) = clear(scene, way, &points, (s.o, on, medium), &mut |span| {
             if R::ON {
                 w.rec.side_span(span);
             }
@@ -75,7 +74,6 @@ pub fn clear(
     way: &Way,
     points: &[DVec3],
     (mut o, mut on, mut medium): (DVec3, On, Option<u32>),
-    rng: &mut Rng,
     passed: &mut dyn FnMut(MediumSpan),
 ) -> Option<Rgb> {
     let light = &scene.lights[way.light as usize];
@@ -94,7 +92,7 @@ pub fn clear(
             let length = hit.as_ref().map_or(left, |h| h.t);
             if let Some(id) = medium {
                 let span = MediumSpan::new(id, o, toward, length, &on, hit.as_ref());
-                t *= transmit::one_span(scene, &span, rng);
+                t *= transmit::one_span(scene, &span);
                 passed(span);
                 if t.is_zero() {
                     return None;

@@ -106,14 +106,11 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Op
     let density = q / (radius * r).sqrt() / (4.0 * PI * r * r);
     let prefix = s.beta / s.r.mean();
     let side = w.rec.side_len();
-    // Apart from the stream that the connection's own line integral draws from: the two are multiplied.
-    let mut rng = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 3, 0);
-    // Exact transmittances: noise of their own would not cancel.
-    let at_light = Sight::new(w, s, vertex, p, None);
+    let at_light = Sight::new(w, s, vertex, p);
     for n in [n, other] {
         let y = p + n * r;
         let Some(a) = scene.arrival(light, y, 0.0, 0.0) else { continue };
-        let at_y = Sight::new(w, s, vertex, y, None);
+        let at_y = Sight::new(w, s, vertex, y);
         // F without its phase function at the far end.
         let rest = |sight: &Sight, y: DVec3| {
             let m = &scene.media[sight.span.medium as usize];
@@ -130,7 +127,7 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Op
         let light_at_y = a.emission.color() * (a.factor / density);
         if let Some(sight) = &at_y {
             let on = On::default();
-            if let Some(clear) = transmit::shadow(w, &mut rng, Some(sight.span.medium), y, &on, &a) {
+            if let Some(clear) = transmit::shadow(w, Some(sight.span.medium), y, &on, &a) {
                 let value = rest(sight, y) * clear.transmittance * phase(sight) * light_at_y;
                 w.rec.push(Event::Aim { aim: Aim { within: clear.within, ..aim(sight) }, value });
             }
@@ -161,10 +158,8 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, probabi
     }
     let density = probability * q / radius / (4.0 * PI * r * r);
     let side = w.rec.side_len();
-    let mut rng = s.aside;
-    let sight = Sight::new(w, s, vertex, x, Some(&mut rng));
+    let sight = Sight::new(w, s, vertex, x);
     w.rec.side_truncate(side);
-    s.aside = rng;
     let Some(sight) = sight else { return };
     let medium = sight.span.medium;
     let sigma_s = scene.media[medium as usize].coefficients(x).1;

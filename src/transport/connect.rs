@@ -139,17 +139,14 @@ pub fn equiangular<R: Recorder>(
     let flight = scene.selection(light) * flight_density;
     let centred = light_centred::density_per_length(scene, light, center, p, reach);
     let part = span.until(t);
-    // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
-    let mut unscored = *rng;
-    let rng = if sigma_s.is_zero() { &mut unscored } else { rng };
-    let transmittance = transmit::one_span(scene, &part, rng);
+    let transmittance = transmit::one_span(scene, &part);
     if R::ON {
         w.rec.side_span(part);
     }
     let via = Drawn { medium: span.medium, p, sigma: sigma_s, span, lead: w.rec.side_len() - first };
     let m = one_minus_cos(span.w, a.w);
     let f = medium.phase.eval(m);
-    let Some(clear) = transmit::shadow(w, rng, Some(span.medium), p, &On::default(), &a) else { return };
+    let Some(clear) = transmit::shadow(w, Some(span.medium), p, &On::default(), &a) else { return };
     // A direction drawn at the end of the flight may meet a lamp as well.
     let by_direction = if a.pdf > 0.0 {
         flight_density * scene.critical.density(p, s.drawn, a.w, f) * survival(clear.depth) / a.pdf
@@ -183,7 +180,7 @@ fn finish<R: Recorder>(
     aim: Option<Aim>,
 ) -> Option<Rgb> {
     let first = w.rec.side_len();
-    let clear = transmit::shadow(w, &mut s.rng, medium, s.o, on, a)?;
+    let clear = transmit::shadow(w, medium, s.o, on, a)?;
     let mut weight = weight * clear.transmittance;
     weight *= if a.pdf > 0.0 {
         // What `direction_share` leaves over.

@@ -125,11 +125,8 @@ pub(super) fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Ve
     }
     let Some((medium, y)) = bright.sample(s.o, &mut s.rng) else { return };
     let first = w.rec.side_len();
-    let mut rng = s.rng;
-    let sight = Sight::new(w, s, vertex, y, Some(&mut rng));
-    s.rng = rng;
     // Where another medium begins before it, y is not of the one it was drawn for.
-    let Some(sight) = sight.filter(|sight| sight.span.medium == medium) else {
+    let Some(sight) = Sight::new(w, s, vertex, y).filter(|sight| sight.span.medium == medium) else {
         w.rec.side_truncate(first);
         return;
     };

@@ -12,7 +12,6 @@ use super::vertex::{Toward, Vertex};
 use super::walk::{State, Walker};
 use super::{beside, connect};
 use super::{tracking, transmit};
-use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
 use crate::phase::one_minus_cos;
 use crate::scene::{On, Scene};
@@ -53,14 +52,8 @@ pub(super) struct Sight {
 }
 
 impl Sight {
-    /// March from the vertex at `s.o` to y. Transmittance draws from `rng`, or without one is exact; spans go to the record's side list.
-    pub fn new<R: Recorder>(
-        w: &mut Walker<R>,
-        s: &State,
-        vertex: &Vertex,
-        y: DVec3,
-        mut rng: Option<&mut Rng>,
-    ) -> Option<Sight> {
+    /// March from the vertex at `s.o` to y. Spans go to the record's side list.
+    pub fn new<R: Recorder>(w: &mut Walker<R>, s: &State, vertex: &Vertex, y: DVec3) -> Option<Sight> {
         let scene = w.scene;
         let to_y = y - s.o;
         let d = to_y.length();
@@ -88,10 +81,7 @@ impl Sight {
             if let Some(id) = medium {
                 let span = MediumSpan::new(id, o, direction, t1, &on, hit.as_ref());
                 let part = span.until(end.max(0.0));
-                transmittance *= match rng.as_deref_mut() {
-                    Some(rng) => transmit::one_span(scene, &part, rng),
-                    None => tracking::depth(&scene.media[id as usize], &part).map(|t| (-t).exp()),
-                };
+                transmittance *= transmit::one_span(scene, &part);
                 let m = &scene.media[id as usize];
                 if m.is_homogeneous() {
                     tau += tracking::depth(m, &part);
@@ -150,20 +140,17 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, t
     if let Some(twin) = twin.filter(|t| t.light == light) {
         c.share = 0.5;
         let y = center + twin.turn(y - center);
-        let mut rng = s.rng;
-        twin.score(w, |sub| Centred { y, ..c }.connect(sub, s, &mut rng, vertex));
+        twin.score(w, |sub| Centred { y, ..c }.connect(sub, s, vertex));
     }
-    let mut rng = s.rng;
-    c.connect(w, s, &mut rng, vertex);
-    s.rng = rng;
+    c.connect(w, s, vertex);
 }
 
 impl Centred {
-    fn connect<R: Recorder>(&self, w: &mut Walker<R>, s: &State, rng: &mut Rng, vertex: &Vertex) {
+    fn connect<R: Recorder>(&self, w: &mut Walker<R>, s: &State, vertex: &Vertex) {
         let scene = w.scene;
         let Centred { light, center, y, density: own, u: [v, z], share } = *self;
         let first = w.rec.side_len();
-        let Some(sight) = Sight::new(w, s, vertex, y, Some(&mut *rng)) else { return };
+        let Some(sight) = Sight::new(w, s, vertex, y) else { return };
         let lead = w.rec.side_len() - first;
         let Sight { span, t, per_length, density: p_direction, .. } = sight;
         let m = &scene.media[span.medium as usize];
@@ -183,10 +170,7 @@ impl Centred {
             * sight.transmittance
             * (per_length * m.phase.eval(m2) * a.factor / (flight + equi + own));
 
-        // Where nothing scatters only a derivative wants the connection: it must not advance the path's stream.
-        let mut unscored = *rng;
-        let rng = if sigma_s.is_zero() { &mut unscored } else { rng };
-        let Some(clear) = transmit::shadow(w, rng, Some(span.medium), y, &On::default(), &a) else { return };
+        let Some(clear) = transmit::shadow(w, Some(span.medium), y, &On::default(), &a) else { return };
         let phases = [sight.phase, Some((span.medium, m2))];
         let aim = beside::follows(w, light, s.left, y, Some(s.o)).then(|| {
             let turn = Turn::Phase(span.medium, sight.direction);

@@ -199,7 +199,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             let way = Way { light: id as u32, steps: vec![step], w: behind, gain };
             let (on, medium) = vertex.start(s, -behind);
             let first = w.rec.side_len();
-            let clear = beam::clear(scene, &way, &[at], (s.o, on, medium), &mut s.rng, &mut |span| {
+            let clear = beam::clear(scene, &way, &[at], (s.o, on, medium), &mut |span| {
                 if R::ON {
                     w.rec.side_span(span);
                 }

@@ -184,8 +184,7 @@ const NAMES: [&str; 3] = ["density", "albedo", "glow"];
 /// The loss of the scene with other values in its file; with the same random numbers for the same seed.
 fn loss(text: &str, values: &dyn Fn(usize, [i32; 3]) -> [f32; 3], spp: u64, seed: u64) -> f64 {
     let file: Vec<WriteGrid> = (0..3).map(|k| grid(NAMES[k], if k == 0 { 1 } else { 3 }, &|p| values(k, p))).collect();
-    let (_, mut sc, _dir) = scene_of(text, &file);
-    sc.exact_transmittance = true;
+    let (_, sc, _dir) = scene_of(text, &file);
     let o = run(&sc, spp, 100 + seed, Mode::Picture);
     (0..30).map(|i| o.film.mean(0, i).dot(adjoint(30)[i])).sum()
 }
