@@ -137,7 +137,10 @@ impl Critical {
 
     /// Share of cones in the direction that follows `drawn` others, on a path that has any; 0 where there are none.
     fn share(&self, drawn: Option<u32>) -> f64 {
-        drawn.filter(|&k| k <= LAST && !self.is_empty()).map_or(0.0, |k| SHARE * 0.5f64.powi(k as i32))
+        match drawn {
+            Some(k) if k <= LAST && !self.is_empty() => SHARE / f64::from(1u32 << k),
+            _ => 0.0,
+        }
     }
 
     /// A direction from x after `drawn` others, or `None`: then it is to be drawn as if there were no cones.

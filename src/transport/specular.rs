@@ -77,7 +77,7 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         [Some(mirrored), Some(refracted)] => {
             let f = mirrored.weight.mean();
             // Fewer at each further one, or weights of light that goes round in a block would multiply without bound.
-            let beside = LEAST_THROUGH * 0.5f64.powi(s.in_a_row.saturating_sub(1).min(64) as i32);
+            let beside = LEAST_THROUGH / (1u64 << s.in_a_row.saturating_sub(1).min(63)) as f64;
             let least = if s.drawn.is_some() { beside } else { w.scene.least_through };
             let f = f.min(1.0 - least);
             if s.rng.uniform() < f {
