@@ -82,14 +82,14 @@ impl HardBeams {
     }
 
     /// All crossings of a camera path with edges.
-    pub fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+    pub fn along(&self, cx: &mut Context, film: [f64; 2], rng: Rng, emit: &mut dyn FnMut(&Sample)) {
         let (o, w) = cx.sensor.ray(film[0], film[1]);
         let mut rec = PathRecord::new();
         // Long paths would be cut into chunks.
         rec.chunk = usize::MAX;
         rec.begin(None, Opening::default());
         let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
-        let s = camera_line::start(&mut walker, State::new(*rng, o, w, cx.sensor.medium));
+        let s = camera_line::start(&mut walker, State::new(rng, o, w, cx.sensor.medium));
         walker.run(s);
         cx.tally = cx.tally.plus(&walker.tally);
         let starts = Starts::new(cx.scene, cx.moving, &rec, Opening::default());

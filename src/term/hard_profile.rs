@@ -116,7 +116,7 @@ impl Room for HardProfile {
 
     fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         if let Some(beams) = &self.beams {
-            beams.along(cx, film, rng, emit);
+            beams.along(cx, film, *rng, emit);
         }
         if self.cones.is_empty() {
             return;

@@ -139,7 +139,6 @@ pub fn equiangular<R: Recorder>(
     let flight = scene.selection(light) * flight_density;
     let centred = light_centred::density_per_length(scene, light, center, p, reach);
     let part = span.until(t);
-    let transmittance = transmit::one_span(scene, &part);
     if R::ON {
         w.rec.side_span(part);
     }
@@ -147,6 +146,7 @@ pub fn equiangular<R: Recorder>(
     let m = one_minus_cos(span.w, a.w);
     let f = medium.phase.eval(m);
     let Some(clear) = transmit::shadow(w, Some(span.medium), p, &On::default(), &a) else { return };
+    let transmittance = transmit::one_span(scene, &part);
     // A direction drawn at the end of the flight may meet a lamp as well.
     let by_direction = if a.pdf > 0.0 {
         flight_density * scene.critical.density(p, s.drawn, a.w, f) * survival(clear.depth) / a.pdf

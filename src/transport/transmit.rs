@@ -1,8 +1,8 @@
 //! Transmittance along straight lines: shadow rays through null interfaces, one span at a time.
 //!
-//! Homogeneous: closed form. Grids: the exact integral of the interpolant, cell by cell. Ratio tracking (\[T\] 8.1) takes about as long per
+//! Homogeneous: closed form. Grids: the exact integral of the interpolant, cell by cell. Ratio tracking ([T] 8.1) takes about as long per
 //! ray, adds its own variance, and takes a random number of random numbers, which costs low-discrepancy sequences their evenness.
-//! Depths are added, one exponential is taken at the end (STABILITY rule 3).
+//! Within a span depths are added, one exponential is taken at the end (STABILITY rule 3).
 
 use super::record::{MediumSpan, Recorder};
 use super::tracking;
@@ -14,11 +14,6 @@ use crate::scene::{On, Scene};
 /// The transmittance over one span, per channel.
 pub fn one_span(scene: &Scene, span: &MediumSpan) -> Rgb {
     tracking::depth(&scene.media[span.medium as usize], span).map(|d| (-d).exp())
-}
-
-/// `exp(-sigma t)` with `0 * infinity = 0`.
-pub fn depth_to_transmittance(sigma: Rgb, t: f64) -> Rgb {
-    sigma.map(|s| if s == 0.0 { 1.0 } else { (-s * t).exp() })
 }
 
 /// A way on which nothing opaque stands.

@@ -466,8 +466,8 @@ fn many_cylinders_go_into_embree_and_stay_the_same() {
             r#"<shape type="cylinder"><point name="p0" value="{i}, -90, 0"/><point name="p1" value="{i}, -89, 0.4"/><float name="radius" value="0.3"/><bsdf type="diffuse"/></shape>"#
         )
     };
-    // Beside the lamp: on its very face rounding decides which way the light shines.
-    let light = POINT.replace("$lx", "-0.9");
+    // Beside the lamp and below it: on its very face rounding decides which way the light shines.
+    let light = POINT.replace("$lx, 2.2", "-0.9, 1.9");
     let few = room(3, TUBE, &format!("{light}{LAMP}"), "");
     let many = room(3, TUBE, &format!("{light}{LAMP}{}", (0..8).map(far).collect::<String>()), "");
     let (_, sc) = scene(&many);
