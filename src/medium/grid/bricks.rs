@@ -28,8 +28,6 @@ pub(super) struct Bricks {
     code: Vec<u32>,
     /// Per brick: least and greatest node over all channels.
     range: Vec<[f32; 2]>,
-    /// Per brick and channel; left out for scalar grids.
-    range3: Vec<[[f32; 2]; 3]>,
     /// Nodes, channels interleaved.
     nodes: Vec<f32>,
     /// Least and greatest node of all bricks, per channel.
@@ -45,7 +43,6 @@ impl Bricks {
         let mut bricks = Bricks {
             code: Vec::with_capacity(count),
             range: Vec::with_capacity(count),
-            range3: Vec::with_capacity(if channels == 1 { 0 } else { count }),
             nodes: Vec::new(),
             low: [f32::INFINITY; 3],
             high: [f32::NEG_INFINITY; 3],
@@ -81,9 +78,6 @@ impl Bricks {
         }
         let all = &range[..channels];
         self.range.push(all.iter().fold(all[0], |a, r| [a[0].min(r[0]), a[1].max(r[1])]));
-        if channels > 1 {
-            self.range3.push(range);
-        }
         let unit = (self.nodes.len() / (WINDOW * channels)) as u32;
         if !uniform {
             self.nodes.extend_from_slice(nodes);
@@ -104,10 +98,7 @@ impl Bricks {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(&self.code[..])
-            + size_of_val(&self.range[..])
-            + size_of_val(&self.range3[..])
-            + size_of_val(&self.nodes[..])
+        size_of_val(&self.code[..]) + size_of_val(&self.range[..]) + size_of_val(&self.nodes[..])
     }
 
     /// The nodes from the lowest corner of a cell on.
@@ -139,11 +130,6 @@ impl Bricks {
     #[inline(always)]
     pub(super) fn range(&self, brick: usize) -> [f32; 2] {
         self.range[brick]
-    }
-
-    /// Least and greatest node of one channel.
-    pub(super) fn channel_range(&self, brick: usize, c: usize) -> [f32; 2] {
-        self.range3.get(brick).map_or(self.range[brick], |r| r[c])
     }
 }
 

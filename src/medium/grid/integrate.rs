@@ -8,7 +8,7 @@ use super::bricks::{BRICK, ROW, SLAB, WINDOW};
 use super::nodes::{BrickIds, NodeId, weights};
 use super::traverse::Ray;
 use super::{Grid, Span, SpanIter, corners, mix};
-use crate::math::{DVec3, Rgb};
+use crate::math::DVec3;
 
 /// Half the distance of the two Gauss points in units of the interval: 1 / (2 sqrt 3).
 const GAUSS: f64 = 0.288_675_134_594_812_9;
@@ -468,19 +468,6 @@ impl Grid {
 }
 
 impl SpanIter<'_> {
-    /// Integral of all channels over a span of this ray.
-    #[inline]
-    pub fn integrate(&self, span: &Span) -> Rgb {
-        if self.grid.frame.channels == 1 {
-            let mut sum = [0.0];
-            self.grid.add_span::<1, 1>(&self.ray, span, &mut sum);
-            return Rgb::splat(sum[0]);
-        }
-        let mut sum = [0.0; 3];
-        self.grid.add_span::<3, 3>(&self.ray, span, &mut sum);
-        Rgb(sum)
-    }
-
     /// [`Grid::invert`] in one span of this ray; `target` > 0.
     #[inline]
     pub fn invert(&self, span: &Span, target: f64) -> Result<f64, f64> {

@@ -258,12 +258,4 @@ impl Grid {
     pub(super) fn single_spans(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> SpanIter<'_> {
         SpanIter::new(self, o, w, t0, t1, false)
     }
-
-    /// Bounds of channel `c` in a span's brick.
-    pub fn channel_bounds(&self, brick: BrickRef, c: usize) -> [f64; 2] {
-        match brick.index() {
-            None => [self.outside[c]; 2],
-            Some(i) => bounds(self.bricks.channel_range(i, c), self.bricks.code(i) & 1 == 0),
-        }
-    }
 }
