@@ -12,12 +12,8 @@ pub enum Purpose {
     Path = 1,
     /// Choice and continuation of the derivative vertex [T] (65).
     Derivative = 2,
-    /// Independent Poisson points for line integrals [T] (52b).
-    Poisson = 3,
     /// Pilot runs: budgets, film quantum.
     Pilot = 4,
-    /// The adjoint image of a loss.
-    Adjoint = 5,
     /// Connections to lights that move.
     Motion = 6,
     /// Boundary rooms; each adds its index.

@@ -9,7 +9,7 @@
 //!
 //! All of this is a function of the scene alone, so that pictures and derivatives draw the same numbers.
 
-use super::{On, Scene};
+use super::{March, On, Scene};
 use crate::math::discrete::Discrete;
 use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, Rgb, warp};
@@ -101,18 +101,19 @@ impl Scene {
 
     /// Transmittance from `o` to the distance `d`, and out of the scene; the mean over channels. 0: something opaque stands before it.
     fn passage(&self, o: DVec3, w: DVec3, medium: u32, d: f64) -> (f64, f64) {
-        let (mut at, mut on, mut medium, mut before) = (o, On::default(), Some(medium), 0.0);
+        let mut ray = March::new(o, w, On::default(), Some(medium));
         let (mut depth, mut passes) = (Rgb::ZERO, 0.0);
         let kept = |depth: Rgb| depth.map(|x| (-x).exp()).mean();
         for _ in 0..self.max_interfaces {
-            let hit = self.intersect(at, w, f64::INFINITY, &on, medium);
+            let hit = ray.meets(self, f64::INFINITY);
             let length = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
             let add = |t0: f64, t1: f64, depth: &mut Rgb| {
-                let Some(m) = medium.map(|id| &self.media[id as usize]) else { return };
-                let through = m.density_integral(at, w, t0, t1) * m.scale;
+                let Some(m) = ray.medium.map(|id| &self.media[id as usize]) else { return };
+                let through = m.density_integral(ray.o, w, t0, t1) * m.scale;
                 // Infinity times nothing is nothing.
                 *depth += through.map(|x| if x.is_nan() { 0.0 } else { x });
             };
+            let before = ray.before;
             let split = (d - before).clamp(0.0, length);
             add(0.0, split, &mut depth);
             if before <= d && before + length > d {
@@ -120,14 +121,10 @@ impl Scene {
             }
             add(split, length, &mut depth);
             let Some(h) = hit else { return (passes, kept(depth)) };
-            let shape = &self.shapes[h.shape as usize];
-            if !self.is_null(shape) {
+            if !self.passes(&h) {
                 return (passes, if self.reflects(&h) { 0.0 } else { kept(depth) });
             }
-            medium = shape.medium_behind(w, h.n, medium);
-            on = on.crossed(&h, self.tolerance(h.p));
-            at = h.p;
-            before += h.t;
+            ray.pass(self, &h);
         }
         (passes, 0.0)
     }

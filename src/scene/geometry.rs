@@ -5,7 +5,7 @@
 //! so: a null interface is entered only from its outside medium and left only from its inside one. So
 //! coincident interfaces, cameras on a boundary and fog boxes that touch walls need no offset.
 
-use super::{Instance, Scene};
+use super::{Instance, March, Scene};
 use crate::error::Result;
 use crate::light::Arrival;
 use crate::math::DVec3;
@@ -378,14 +378,12 @@ impl Scene {
     /// The medium beyond all interfaces, told by one that stands in `medium` at `o`.
     pub fn outer_medium(&self, o: DVec3, medium: Option<u32>) -> Option<u32> {
         let w = DVec3::new(0.36, 0.48, 0.8);
-        let (mut o, mut on, mut medium) = (o, On::default(), medium);
+        let mut ray = March::new(o, w, On::default(), medium);
         for _ in 0..self.max_interfaces {
-            let Some(h) = self.boundary(o, w, f64::INFINITY, &on, medium) else { break };
-            medium = self.shapes[h.shape as usize].medium_behind(w, h.n, medium);
-            on = on.crossed(&h, self.tolerance(h.p));
-            o = h.p;
+            let Some(h) = ray.boundary(self, f64::INFINITY) else { break };
+            ray.pass(self, &h);
         }
-        medium
+        ray.medium
     }
 
     /// The medium at `o`, told by the first interface along `w`; `otherwise` where there is none.
@@ -415,11 +413,8 @@ impl Scene {
     /// Whether anything opaque stands between `p` and the light.
     pub fn opaque_blocks(&self, p: DVec3, a: &Arrival, on: &On) -> bool {
         let tolerance = self.tolerance(p);
-        // The light's own surface does not block: stop short of it by rounding only.
-        let t_max = match a.target {
-            Some(_) => a.distance * (1.0 - 1e-12) - tolerance,
-            None => a.distance,
-        };
+        // What the light stands on, its own surface first of all, does not block: stop short of it by rounding only.
+        let t_max = a.distance * (1.0 - 1e-12) - tolerance;
         let simple = self.opaque.simple.iter().any(|&id| {
             let start = on.face(id).map(|face| Start { face });
             let shape = &self.shapes[id as usize].shape;

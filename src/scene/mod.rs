@@ -10,6 +10,7 @@ pub mod desc;
 pub mod frame;
 pub mod geometry;
 pub mod lights;
+pub mod march;
 pub mod matter;
 pub mod nearest;
 pub mod node;
@@ -28,6 +29,7 @@ pub mod xml;
 
 pub use desc::{Env, SceneDesc};
 pub use geometry::{Hit, On};
+pub use march::March;
 pub use node::Node;
 pub use transform::Mat4;
 
@@ -83,6 +85,11 @@ impl Scene {
     /// Whether light passes the shape unchanged.
     pub fn is_null(&self, s: &Instance) -> bool {
         self.surfaces[s.surface as usize].is_null()
+    }
+
+    /// The same of what a ray meets.
+    pub fn passes(&self, hit: &Hit) -> bool {
+        self.is_null(&self.shapes[hit.shape as usize])
     }
 
     /// Whether light jumps where rays graze the shape: not at balls of glass and mirrors that do not shine, which reflect all of it straight on.

@@ -5,7 +5,7 @@ use super::sheet::{Grazed, Partials};
 use crate::math::equiangular::EquiAngular;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Rgb};
-use crate::scene::{Hit, On, Scene, Settings};
+use crate::scene::{Hit, March, On, Scene, Settings};
 use crate::sensor::Projected;
 use crate::shape::{Geometry, Shape};
 use crate::transport::first::{First, Met, Nth, Seen};
@@ -278,22 +278,14 @@ impl Watch {
 /// The medium span of a camera ray that holds what `q` projects.
 fn camera_span(cx: &Context, q: &Projected) -> Option<MediumSpan> {
     let scene = cx.scene;
-    let (mut o, mut on, mut medium, mut left) = (q.o, On::default(), cx.sensor.medium, q.distance);
+    let mut ray = March::new(q.o, q.w, On::default(), cx.sensor.medium);
     for _ in 0..scene.max_interfaces {
-        let hit = scene.intersect(o, q.w, f64::INFINITY, &on, medium);
+        let hit = ray.meets(scene, f64::INFINITY);
         let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-        if t1 >= left {
-            return medium.map(|id| MediumSpan::new(id, o, q.w, t1, &on, hit.as_ref()));
+        if t1 >= q.distance - ray.before {
+            return MediumSpan::ahead(&ray, t1, hit.as_ref());
         }
-        let h = hit?;
-        let shape = &scene.shapes[h.shape as usize];
-        if !scene.is_null(shape) {
-            return None;
-        }
-        medium = shape.medium_behind(q.w, h.n, medium);
-        on = on.crossed(&h, scene.tolerance(h.p));
-        o = h.p;
-        left -= h.t;
+        ray.pass(scene, &hit.filter(|h| scene.passes(h))?);
     }
     None
 }

@@ -13,7 +13,7 @@ use crate::math::equiangular::EquiAngular;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
 use crate::phase::one_minus_cos;
-use crate::scene::{Hit, On, Scene};
+use crate::scene::{Hit, March, On, Scene};
 use crate::sensor::Projected;
 use crate::surface::Surface;
 use crate::transport::first::Seen;
@@ -293,30 +293,24 @@ fn second(z: &Vertex, start: bool) -> Option<Point> {
 /// The medium span of a camera ray that holds the abscissa `t`, and the transmittance up to there.
 fn camera_span(cx: &mut Context, o: DVec3, w: DVec3, t: f64) -> Option<(MediumSpan, Rgb)> {
     let scene = cx.scene;
-    let (mut o, mut on, mut medium, mut before) = (o, On::default(), cx.sensor.medium, 0.0);
+    let mut ray = March::new(o, w, On::default(), cx.sensor.medium);
     let mut transmittance = Rgb::ONE;
     for _ in 0..scene.max_interfaces {
-        let hit = scene.intersect(o, w, f64::INFINITY, &on, medium);
+        let hit = ray.meets(scene, f64::INFINITY);
         let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-        let holds = before + t1 >= t;
-        if let Some(id) = medium {
-            let end = if holds { (t - before).max(0.0) } else { t1 };
-            let whole = MediumSpan::new(id, o, w, t1, &on, hit.as_ref());
-            let span = whole.until(end);
-            transmittance *= transmit::one_span(scene, &span);
-            if holds {
-                return Some((whole, transmittance));
-            }
-        }
-        let h = hit?;
-        let shape = &scene.shapes[h.shape as usize];
-        if holds || !scene.surfaces[shape.surface as usize].is_null() {
+        let holds = ray.before + t1 >= t;
+        if !holds && hit.is_none_or(|h| !scene.passes(&h)) {
             return None;
         }
-        medium = shape.medium_behind(w, h.n, medium);
-        on = on.crossed(&h, scene.tolerance(h.p));
-        o = h.p;
-        before += h.t;
+        let whole = MediumSpan::ahead(&ray, t1, hit.as_ref());
+        if let Some(span) = &whole {
+            let end = if holds { (t - ray.before).max(0.0) } else { t1 };
+            transmittance *= transmit::one_span(scene, &span.until(end));
+        }
+        if holds {
+            return whole.map(|whole| (whole, transmittance));
+        }
+        ray.pass(scene, &hit?);
     }
     cx.tally.missed_boundary += 1;
     None
@@ -356,16 +350,13 @@ fn fly(cx: &mut Context, s: &mut State) -> Option<(Vertex, Option<f64>)> {
             }
         }
         let h = hit?;
-        let shape = &scene.shapes[h.shape as usize];
-        let surface = &scene.surfaces[shape.surface as usize];
-        if !surface.is_null() {
+        if !scene.passes(&h) {
+            let surface = &scene.surfaces[scene.shapes[h.shape as usize].surface as usize];
             let vertex = Vertex { p: h.p, w: s.w, medium: s.medium, hit: Some(h) };
             // Beyond smooth surfaces is `virtual_edge`'s.
             return (surface.reflects(h.ns, -s.w) && !surface.is_smooth()).then_some((vertex, None));
         }
-        s.medium = shape.medium_behind(s.w, h.n, s.medium);
-        s.on = s.on.crossed(&h, scene.tolerance(h.p));
-        s.o = h.p;
+        s.pass(scene, &h);
         before += h.t;
     }
     cx.tally.missed_boundary += 1;

@@ -7,7 +7,7 @@ use super::{Context, Sample};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
-use crate::scene::{Hit, On, Scene};
+use crate::scene::{Hit, March, On, Scene};
 use crate::transport::first::Seen;
 use crate::transport::record::{MediumSpan, NoRecord};
 use crate::transport::transmit;
@@ -57,22 +57,14 @@ pub fn is_lit(scene: &Scene, ray: &Ray, rho: f64, grazed: Grazed) -> bool {
 fn camera_spans(cx: &mut Context, film: [f64; 2], spans: &mut Vec<MediumSpan>) {
     let scene = cx.scene;
     spans.clear();
-    let (mut o, w) = cx.sensor.ray(film[0], film[1]);
-    let (mut on, mut medium) = (On::default(), cx.sensor.medium);
+    let (o, w) = cx.sensor.ray(film[0], film[1]);
+    let mut ray = March::new(o, w, On::default(), cx.sensor.medium);
     for _ in 0..scene.max_interfaces {
-        let hit = scene.intersect(o, w, f64::INFINITY, &on, medium);
-        if let Some(id) = medium {
-            let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-            spans.push(MediumSpan::new(id, o, w, t1, &on, hit.as_ref()));
-        }
-        let Some(h) = hit else { return };
-        let shape = &scene.shapes[h.shape as usize];
-        if !scene.surfaces[shape.surface as usize].is_null() {
-            return;
-        }
-        medium = shape.medium_behind(w, h.n, medium);
-        on = on.crossed(&h, scene.tolerance(h.p));
-        o = h.p;
+        let hit = ray.meets(scene, f64::INFINITY);
+        let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+        spans.extend(MediumSpan::ahead(&ray, t1, hit.as_ref()));
+        let Some(h) = hit.filter(|h| scene.passes(h)) else { return };
+        ray.pass(scene, &h);
     }
     cx.tally.missed_boundary += 1;
 }

@@ -19,7 +19,7 @@ use crate::math::{DVec3, Rgb, gradient};
 use crate::medium::{Medium, NO_SLOT, Volume};
 use crate::params::{Covector, ParamSet, Sink, Slot};
 use crate::phase::one_minus_cos;
-use crate::scene::{On, Scene};
+use crate::scene::{March, On, Scene};
 
 /// What scatters at the start of a connection.
 #[derive(Clone, Copy, Debug)]
@@ -155,16 +155,14 @@ pub(super) fn optical_depth(
     mut passes: impl FnMut(DVec3, f64, Rgb),
     mut growing: impl FnMut(Rgb),
 ) -> (Option<u32>, On) {
-    let Line { mut o, w, length: whole, mut medium, mut on, within } = *line;
-    let (mut before, mut entered) = (0.0, None);
+    let mut ray = March::new(line.o, line.w, line.on, line.medium);
+    let mut entered = None;
     for _ in 0..scene.max_interfaces {
-        let left = whole - before;
-        let hit = if within { None } else { scene.boundary(o, w, left, &on, medium) };
+        let left = line.length - ray.before;
+        let hit = if line.within { None } else { ray.boundary(scene, left) };
         let length = hit.as_ref().map_or(left, |h| h.t);
-        if let Some(id) = medium {
-            let m = &scene.media[id as usize];
-            let span = MediumSpan::new(id, o, w, length, &on, hit.as_ref());
-            let part = Part { m, span, before };
+        if let Some(span) = MediumSpan::ahead(&ray, length, hit.as_ref()) {
+            let part = Part { m: &scene.media[span.medium as usize], span, before: ray.before };
             let (t0, t1) = part.clipped();
             if t1 > t0 {
                 // Each end: the medium's interface, the line's end, or the grid's own box, whichever ends the density there.
@@ -185,14 +183,10 @@ pub(super) fn optical_depth(
             }
         }
         let Some(h) = hit else { break };
-        let shape = &scene.shapes[h.shape as usize];
-        medium = shape.medium_behind(w, h.n, medium);
-        on = on.crossed(&h, scene.tolerance(h.p));
+        ray.pass(scene, &h);
         entered = Some(h.n);
-        o = h.p;
-        before += h.t;
     }
-    (medium, on)
+    (ray.medium, ray.on)
 }
 
 /// One medium's piece of a connection, `before` from its start.

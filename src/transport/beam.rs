@@ -7,7 +7,7 @@ use super::walk::{State, Walker};
 use crate::light::{Emission, LightKind, beam_profile};
 use crate::math::{DVec3, Rgb};
 use crate::scene::beams::Way;
-use crate::scene::{On, Scene};
+use crate::scene::{Hit, March, On, Scene};
 
 /// The emission that reaches `x` by the way, if its line is clear.
 pub fn emission(scene: &Scene, way: &Way, x: DVec3, points: &mut Vec<DVec3>) -> Option<Emission> {
@@ -73,54 +73,49 @@ pub fn clear(
     scene: &Scene,
     way: &Way,
     points: &[DVec3],
-    (mut o, mut on, mut medium): (DVec3, On, Option<u32>),
+    (o, on, medium): (DVec3, On, Option<u32>),
     passed: &mut dyn FnMut(MediumSpan),
 ) -> Option<Rgb> {
     let light = &scene.lights[way.light as usize];
-    let (mut t, mut toward) = (Rgb::ONE, -way.w);
+    let (mut t, mut ray) = (Rgb::ONE, March::new(o, -way.w, on, medium));
     for k in 0..=points.len() {
         let step = way.steps.len().checked_sub(k + 1).map(|i| &way.steps[i]);
-        let mut left = match step {
+        let length = match step {
             Some(_) => f64::INFINITY,
             None => match light.kind {
-                LightKind::Beam { position, direction, .. } => (o - position).dot(direction),
-                _ => light.center().map_or(f64::INFINITY, |q| (q - o).length()),
+                LightKind::Beam { position, direction, .. } => (ray.o - position).dot(direction),
+                _ => light.center().map_or(f64::INFINITY, |q| (q - ray.o).length()),
             },
         };
+        ray.before = 0.0;
         let hit = loop {
-            let hit = scene.intersect(o, toward, left, &on, medium);
-            let length = hit.as_ref().map_or(left, |h| h.t);
-            if let Some(id) = medium {
-                let span = MediumSpan::new(id, o, toward, length, &on, hit.as_ref());
+            let left = length - ray.before;
+            let hit = ray.meets(scene, left);
+            let null = hit.is_some_and(|h| scene.passes(&h));
+            let wanted = |h: &Hit| null || step.is_some_and(|s| (s.shape, s.face) == (h.shape, h.face));
+            if !hit.as_ref().map_or(step.is_none(), wanted) {
+                return None;
+            }
+            if let Some(span) = MediumSpan::ahead(&ray, hit.as_ref().map_or(left, |h| h.t), hit.as_ref()) {
                 t *= transmit::one_span(scene, &span);
                 passed(span);
                 if t.is_zero() {
                     return None;
                 }
             }
-            let Some(h) = hit else { break None };
-            let shape = &scene.shapes[h.shape as usize];
-            if !scene.surfaces[shape.surface as usize].is_null() {
-                break Some(h);
+            match hit {
+                Some(h) if null => ray.pass(scene, &h),
+                other => break other,
             }
-            medium = shape.medium_behind(toward, h.n, medium);
-            on = on.crossed(&h, scene.tolerance(h.p));
-            o = h.p;
-            left -= h.t;
         };
-        let (step, h) = match (step, hit) {
-            (None, None) => return Some(t),
-            (Some(step), Some(h)) if (h.shape, h.face) == (step.shape, step.face) => (step, h),
-            _ => return None,
-        };
+        let (Some(step), Some(h)) = (step, hit) else { return Some(t) };
         if step.through {
-            medium = scene.shapes[h.shape as usize].medium_behind(toward, h.n, medium);
-            on = on.crossed(&h, scene.tolerance(h.p));
+            ray.pass(scene, &h);
         } else {
-            on = if toward.dot(h.n) > 0.0 { On::inside(&h) } else { On::at(&h) };
+            ray.on = if ray.w.dot(h.n) > 0.0 { On::inside(&h) } else { On::at(&h) };
+            ray.o = h.p;
         }
-        o = h.p;
-        toward = -step.before;
+        ray.w = -step.before;
     }
     None
 }

@@ -98,11 +98,11 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Op
     let (u, v, z) = (s.aside.uniform(), s.aside.uniform(), s.aside.uniform());
     let radius = BESIDE * (p - s.o).length();
     let (r, n) = (radius * u * u, warp::sphere(v, z));
-    if r <= 0.0 || !r.is_finite() || p + n * r == p {
-        return;
-    }
     // Two points, half each: a point and its twin, or its mirror image, with which what is odd about the light cancels.
     let other = twin.filter(|t| t.light == light).map_or(-n, |t| t.turn(n));
+    if r <= 0.0 || !r.is_finite() || p + n * r == p || p + other * r == p {
+        return;
+    }
     let density = q / (radius * r).sqrt() / (4.0 * PI * r * r);
     let prefix = s.beta / s.r.mean();
     let side = w.rec.side_len();

@@ -12,31 +12,28 @@ use super::walk::{Flight, Stage, State, Walker};
 use super::{connect, glow};
 use crate::math::Rgb;
 use crate::medium::Volume;
-use crate::scene::{Hit, On, Scene};
+use crate::scene::{Hit, March, On, Scene};
 
 /// Start a camera path, or go on with its line behind an interface: score the extra connections and candidates of the line, return the state to walk on from
 /// (with the unscattered part pending where both are followed).
 pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     let scene = w.scene;
-    let from_camera = s.clone();
+    let mut ray = March::new(s.o, s.w, s.on, s.medium);
     let mut line = Line::default();
     let mut crossings = 0;
     let end = loop {
         crossings += 1;
-        let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
-        if let Some(id) = s.medium {
-            let m = &scene.media[id as usize];
-            if matches!(&m.density, Volume::Grid(g) if g.channels() == 3) {
+        let hit = ray.meets(scene, f64::INFINITY);
+        let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+        if let Some(span) = MediumSpan::ahead(&ray, t1, hit.as_ref()) {
+            if matches!(&scene.media[span.medium as usize].density, Volume::Grid(g) if g.channels() == 3) {
                 // No inverse for three extinctions at once: walk instead.
-                return State { stage: Stage::Fly, direct: false, ..from_camera };
+                return State { stage: Stage::Fly, direct: false, ..s };
             }
-            let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-            let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());
             line.push(scene, span);
         }
         let Some(h) = hit else { break None };
-        let shape = &scene.shapes[h.shape as usize];
-        let passes = scene.surfaces[shape.surface as usize].is_null() && shape.light.is_none();
+        let passes = scene.passes(&h) && scene.shapes[h.shape as usize].light.is_none();
         if crossings > scene.max_interfaces {
             // Counted; the walk goes on from here and is bounded by its own cap.
             w.tally.missed_boundary += 1;
@@ -45,10 +42,9 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
         if !passes {
             break Some(h);
         }
-        s.medium = shape.medium_behind(s.w, h.n, s.medium);
-        s.on = s.on.crossed(&h, scene.tolerance(h.p));
-        s.o = h.p;
+        ray.pass(scene, &h);
     };
+    (s.o, s.on, s.medium) = (ray.o, ray.on, ray.medium);
     let Line { parts: pieces, total, .. } = &line;
     let total = *total;
     if pieces.is_empty() {

@@ -14,7 +14,7 @@ use super::{beside, connect};
 use super::{tracking, transmit};
 use crate::math::{DVec3, Rgb, warp};
 use crate::phase::one_minus_cos;
-use crate::scene::{On, Scene};
+use crate::scene::{March, On, Scene};
 use std::f64::consts::PI;
 
 /// Density per volume of drawing a point at distance `r` from the light, for a vertex at distance `radius` from it.
@@ -65,8 +65,8 @@ impl Sight {
         if lobe.f <= 0.0 {
             return None;
         }
-        let (mut on, mut medium) = vertex.start(s, direction);
-        let (mut o, mut before) = (s.o, 0.0);
+        let (on, medium) = vertex.start(s, direction);
+        let mut ray = March::new(s.o, direction, on, medium);
         let (mut transmittance, mut tau, mut crossings) = (Rgb::ONE, Rgb::ZERO, 0);
         loop {
             crossings += 1;
@@ -74,15 +74,17 @@ impl Sight {
                 w.tally.missed_boundary += 1;
                 return None;
             }
-            let hit = scene.intersect(o, direction, f64::INFINITY, &on, medium);
+            let hit = ray.meets(scene, f64::INFINITY);
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-            let holds = before + t1 >= d;
-            let end = if holds { d - before } else { t1 };
-            if let Some(id) = medium {
-                let span = MediumSpan::new(id, o, direction, t1, &on, hit.as_ref());
+            let holds = ray.before + t1 >= d;
+            if !holds && hit.is_none_or(|h| !scene.passes(&h)) {
+                return None;
+            }
+            let end = if holds { d - ray.before } else { t1 };
+            if let Some(span) = MediumSpan::ahead(&ray, t1, hit.as_ref()) {
                 let part = span.until(end.max(0.0));
                 transmittance *= transmit::one_span(scene, &part);
-                let m = &scene.media[id as usize];
+                let m = &scene.media[span.medium as usize];
                 if m.is_homogeneous() {
                     tau += tracking::depth(m, &part);
                 }
@@ -90,21 +92,16 @@ impl Sight {
                     w.rec.side_span(part);
                 }
                 if holds {
-                    let t = (d - before).max(0.0);
+                    let t = (d - ray.before).max(0.0);
                     let (per_length, density) = (lobe.f / (d * d), lobe.pdf / (d * d));
                     let tint = lobe.tint;
                     return Some(Sight { direction, per_length, tint, density, phase, transmittance, tau, span, t });
                 }
             }
-            let h = hit?;
-            let shape = &scene.shapes[h.shape as usize];
-            if holds || !scene.surfaces[shape.surface as usize].is_null() || transmittance.is_zero() {
+            if holds || transmittance.is_zero() {
                 return None;
             }
-            medium = shape.medium_behind(direction, h.n, medium);
-            on = on.crossed(&h, scene.tolerance(h.p));
-            o = h.p;
-            before += h.t;
+            ray.pass(scene, &hit?);
         }
     }
 }

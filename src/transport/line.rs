@@ -4,7 +4,7 @@ use super::record::MediumSpan;
 use super::tracking::{self, Forced};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
-use crate::scene::{Hit, On, Scene};
+use crate::scene::{Hit, March, On, Scene};
 
 /// One span of a line, with the optical depth in front of it and in it.
 pub struct Part {
@@ -35,21 +35,19 @@ impl Line {
 
     /// From `o`, in `medium`, to the distance `t_max`, with nothing opaque on the way; `None` after too many interfaces.
     pub fn clear(scene: &Scene, o: DVec3, w: DVec3, t_max: f64, medium: Option<u32>) -> Option<Line> {
-        let (mut line, mut o, mut on, mut medium, mut left) = (Line::default(), o, On::default(), medium, t_max);
+        let (mut line, mut ray) = (Line::default(), March::new(o, w, On::default(), medium));
         for _ in 0..scene.max_interfaces {
-            let hit = scene.boundary(o, w, left, &on, medium);
+            let left = t_max - ray.before;
+            let hit = ray.boundary(scene, left);
             let length = hit.as_ref().map_or(left, |h| h.t);
-            if let Some(id) = medium {
-                line.push(scene, MediumSpan::new(id, o, w, length, &on, hit.as_ref()));
+            if let Some(span) = MediumSpan::ahead(&ray, length, hit.as_ref()) {
+                line.push(scene, span);
             }
             let Some(h) = hit else {
-                line.last = medium;
+                line.last = ray.medium;
                 return Some(line);
             };
-            medium = scene.shapes[h.shape as usize].medium_behind(w, h.n, medium);
-            on = on.crossed(&h, scene.tolerance(h.p));
-            o = h.p;
-            left -= h.t;
+            ray.pass(scene, &h);
         }
         None
     }
@@ -63,22 +61,19 @@ impl Line {
         medium: Option<u32>,
         weighed: bool,
     ) -> Option<(Line, Option<Hit>)> {
-        let (mut line, mut at, mut on, mut medium) = (Line::default(), o, *on, medium);
+        let (mut line, mut ray) = (Line::default(), March::new(o, w, *on, medium));
         for _ in 0..scene.max_interfaces {
-            let hit = scene.intersect(at, w, f64::INFINITY, &on, medium);
-            if let Some(id) = medium.filter(|_| weighed) {
+            let hit = ray.meets(scene, f64::INFINITY);
+            if weighed {
                 let length = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-                line.push(scene, MediumSpan::new(id, at, w, length, &on, hit.as_ref()));
+                MediumSpan::ahead(&ray, length, hit.as_ref()).into_iter().for_each(|span| line.push(scene, span));
             }
-            line.last = medium;
+            line.last = ray.medium;
             let Some(h) = hit else { return Some((line, None)) };
-            let shape = &scene.shapes[h.shape as usize];
-            if !scene.is_null(shape) {
+            if !scene.passes(&h) {
                 return Some((line, Some(Hit { t: (h.p - o).dot(w), ..h })));
             }
-            medium = shape.medium_behind(w, h.n, medium);
-            on = on.crossed(&h, scene.tolerance(h.p));
-            at = h.p;
+            ray.pass(scene, &h);
         }
         None
     }

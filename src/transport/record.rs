@@ -14,7 +14,7 @@ use crate::light::{Arrival, Emission};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::params::Slot;
-use crate::scene::{Hit, On, Scene};
+use crate::scene::{Hit, March, On, Scene};
 use crate::surface::Normals;
 use std::sync::Arc;
 
@@ -55,6 +55,11 @@ impl MediumSpan {
         let from = on.last().map_or(Face::NONE, |(shape, face)| Face { shape, face });
         let to = hit.filter(|h| h.t <= t1).map_or(Face::NONE, |h| Face { shape: h.shape, face: h.face });
         MediumSpan { medium, o, w, t0: 0.0, t1, from, to }
+    }
+
+    /// What lies before a ray, up to what is hit or to t1; `None` in a vacuum.
+    pub fn ahead(ray: &March, t1: f64, hit: Option<&Hit>) -> Option<Self> {
+        ray.medium.map(|id| MediumSpan::new(id, ray.o, ray.w, t1, &ray.on, hit))
     }
 
     /// Its part up to t.

@@ -9,7 +9,7 @@ use super::tracking;
 use super::walk::Walker;
 use crate::light::Arrival;
 use crate::math::{DVec3, Rgb};
-use crate::scene::{On, Scene};
+use crate::scene::{March, On, Scene};
 
 /// The transmittance over one span, per channel.
 pub fn one_span(scene: &Scene, span: &MediumSpan) -> Rgb {
@@ -37,16 +37,16 @@ pub fn shadow<R: Recorder>(w: &mut Walker<R>, medium: Option<u32>, p: DVec3, on:
 /// The same where nothing opaque is known to stand in between.
 pub fn through<R: Recorder>(w: &mut Walker<R>, medium: Option<u32>, p: DVec3, on: &On, a: &Arrival) -> Option<Clear> {
     let scene = w.scene;
-    let (mut o, mut on, mut medium, mut left) = (p, *on, medium, a.distance);
+    let mut ray = March::new(p, a.w, *on, medium);
     let (mut t, mut tau) = (Rgb::ONE, Rgb::ZERO);
     // Null interfaces only: whatever is opaque was asked above.
     for met in 0..scene.max_interfaces {
-        let hit = scene.boundary(o, a.w, left, &on, medium);
+        let left = a.distance - ray.before;
+        let hit = ray.boundary(scene, left);
         let length = hit.as_ref().map_or(left, |h| h.t);
-        if let Some(id) = medium {
-            let span = MediumSpan::new(id, o, a.w, length, &on, hit.as_ref());
+        if let Some(span) = MediumSpan::ahead(&ray, length, hit.as_ref()) {
             t *= one_span(scene, &span);
-            let m = &scene.media[id as usize];
+            let m = &scene.media[span.medium as usize];
             if m.is_homogeneous() {
                 tau += m.sigma_t.map(|x| if x == 0.0 { 0.0 } else { x * length });
             }
@@ -58,11 +58,7 @@ pub fn through<R: Recorder>(w: &mut Walker<R>, medium: Option<u32>, p: DVec3, on
             }
         }
         let Some(h) = hit else { return Some(Clear { transmittance: t, depth: tau, within: met == 0 }) };
-        let shape = &scene.shapes[h.shape as usize];
-        medium = shape.medium_behind(a.w, h.n, medium);
-        on = on.crossed(&h, scene.tolerance(h.p));
-        o = h.p;
-        left -= h.t;
+        ray.pass(scene, &h);
     }
     w.tally.missed_boundary += 1;
     None

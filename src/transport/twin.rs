@@ -117,7 +117,7 @@ fn to_collision(w: &mut Walker<Aims>, mut s: State) {
     for _ in 0..w.set.cap {
         match s.stage {
             Stage::Fly => w.fly(&mut s),
-            Stage::Surface(hit) if w.scene.is_null(&w.scene.shapes[hit.shape as usize]) => w.surface(&mut s, hit),
+            Stage::Surface(hit) if w.scene.passes(&hit) => w.surface(&mut s, hit),
             Stage::Medium => {
                 let Some(id) = s.medium else { return };
                 s.depth += 1;

@@ -18,7 +18,7 @@ use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
 use crate::phase::one_minus_cos;
 use crate::scene::critical::Critical;
-use crate::scene::{Hit, On, Scene, Settings};
+use crate::scene::{Hit, March, On, Scene, Settings};
 use crate::surface::{Lobe, Surface};
 use std::sync::Arc;
 
@@ -105,6 +105,13 @@ impl State {
     /// How the current direction was drawn, see [`Flight::reach`].
     pub fn reach(&self) -> Option<(DVec3, f64)> {
         (self.pdf_direction > 0.0).then_some((self.vertex, self.pdf_direction))
+    }
+
+    /// Go on behind an interface, straight.
+    pub fn pass(&mut self, scene: &Scene, hit: &Hit) {
+        let mut ray = March::new(self.o, self.w, self.on, self.medium);
+        ray.pass(scene, hit);
+        (self.o, self.on, self.medium) = (ray.o, ray.on, ray.medium);
     }
 
     pub fn new(rng: Rng, o: DVec3, w: DVec3, medium: Option<u32>) -> Self {
@@ -394,7 +401,6 @@ impl<'a, R: Recorder> Walker<'a, R> {
     pub(super) fn surface(&mut self, s: &mut State, hit: Hit) {
         let scene = self.scene;
         let shape = &scene.shapes[hit.shape as usize];
-        let tolerance = scene.tolerance(hit.p);
         if let Some(light) = shape.light {
             let front = hit.n.dot(s.w) < 0.0;
             if front && !(s.depth == 0 && self.set.hide_emitters) {
@@ -405,15 +411,12 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 self.emit(s, l.emission(Rgb::ONE), p, end);
             }
         }
-        let surface = &scene.surfaces[shape.surface as usize];
-        if surface.is_null() {
-            s.medium = shape.medium_behind(s.w, hit.n, s.medium);
-            s.on = s.on.crossed(&hit, tolerance);
-            s.o = hit.p;
+        if scene.passes(&hit) {
+            s.pass(scene, &hit);
             s.stage = Stage::Fly;
-            return;
+        } else {
+            self.reflect(s, hit);
         }
-        self.reflect(s, hit);
     }
 
     /// Reflection at `hit`, with a connection to a light.

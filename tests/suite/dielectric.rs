@@ -172,5 +172,5 @@ fn fog_before_and_behind_interfaces_against_differences() {
           <transform name="to_world"><lookat origin="0.3, 0.4, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
         <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film></sensor></scene>"#;
     let wrt = [("sigma", 0.04), ("albedo", 0.05), ("g", 0.15), ("rho", 0.05), ("glow", 0.05)];
-    against_differences(text, &wrt, &["all"], 1 << 13, 0.01);
+    against_differences(text, &wrt, &["all"], 1 << 11, 0.01);
 }

@@ -90,7 +90,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 fn derivatives_agree_with_finite_differences() {
     let (desc, sc) = scene(ROOM);
     let p = params(&desc, &sc, &ALL);
-    let spp = 4096;
+    let spp = 1024;
     let f = run(&sc, spp, 3, Mode::Forward(&p));
     for (k, name) in ALL.iter().enumerate() {
         let x = desc.params.iter().find(|q| q.name == *name).unwrap().value;

@@ -48,7 +48,7 @@ const HG: &str = r#"<phase type="hg"><float name="g" value="0.6"/></phase>"#;
 #[test]
 fn a_point_light_moves_in_fog() {
     let light = r#"<emitter type="point"><point name="position" value="$x, $y, $z"/><rgb name="intensity" value="4"/></emitter>"#;
-    against_differences(&fog(light, HG), &[("x", 0.01), ("y", 0.01), ("z", 0.01)], &["all"], 1 << 16, 0.01);
+    against_differences(&fog(light, HG), &[("x", 0.01), ("y", 0.01), ("z", 0.01)], &["all"], 1 << 14, 0.01);
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn a_spot_moves_and_turns_in_fog() {
         &fog(light, HG),
         &[("x", 0.01), ("y", 0.01), ("z", 0.01), ("turn", 1.0), ("cut", 1.0)],
         &["all"],
-        1 << 16,
+        1 << 14,
         0.01,
     );
 }

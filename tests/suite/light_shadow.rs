@@ -101,7 +101,7 @@ fn foggy_room(light: &str) -> String {
 #[test]
 fn shadows_of_a_point_light_in_a_foggy_room() {
     let light = r#"<emitter type="point"><point name="position" value="$x, $y, $z"/><rgb name="intensity" value="4"/></emitter>"#;
-    against_differences(&foggy_room(light), &[("x", 0.02), ("y", 0.02)], &["all"], 1 << 14, 0.02);
+    against_differences(&foggy_room(light), &[("x", 0.02), ("y", 0.02)], &["all"], 1 << 12, 0.02);
 }
 
 #[test]
@@ -158,5 +158,5 @@ fn shadows_through_nested_interfaces() {
       <shape type="sphere"><point name="center" x="0" y="0.2" z="5"/><float name="radius" value="0.5"/><bsdf type="null"/><ref name="interior" id="thick"/></shape>"#;
     let text =
         foggy_room(light).replace(r#"<sensor type="perspective">"#, r#"<sensor type="perspective"><ref id="thick"/>"#);
-    against_differences(&text, &[("x", 0.02), ("y", 0.02)], &["all"], 1 << 14, 0.02);
+    against_differences(&text, &[("x", 0.02), ("y", 0.02)], &["all"], 1 << 12, 0.02);
 }
