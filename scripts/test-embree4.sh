@@ -8,4 +8,5 @@ if [ -e /usr/include/embree4/rtcore.h ]; then
 fi
 exports=$(scripts/embree4-prefix.sh target/embree4)
 eval "$exports"
-exec cargo test --test native
+# Few and short tests: what counts is how long they take to build.
+exec cargo test --config profile.dev.opt-level=1 --config 'profile.dev.package."*".opt-level=1' --test native

@@ -47,7 +47,7 @@ pub struct CheckArgs {
     /// Samples a pixel of derivative and difference, at most
     #[arg(long, value_name = "N", default_value_t = 1 << 20, value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
     max_spp: u64,
-    /// Time for all parameters, at most, e.g. 90s, 5m, 1h
+    /// Time for all parameters, e.g. 90s, 5m, 1h; the first 32 rounds of either side are done in any case
     #[arg(long, value_name = "TIME", default_value = "30m", value_parser = duration)]
     max_time: Duration,
     /// Side of a block in pixels
@@ -168,9 +168,11 @@ impl CheckArgs {
 
 /// One row a parameter.
 fn table(found: &CheckReport) -> String {
-    let head =
-        ["parameter", "verdict", "error", "max |z|", "limit", "chi2/n", "step", "spp", "spp of fd", "pixels", "time"];
-    let mut rows = vec![head.map(String::from).to_vec()];
+    let heads: [&[&str]; 2] = [
+        &["parameter", "verdict", "error", "max |z|", "limit", "chi2/n", "limit"],
+        &["step", "spp", "spp of fd", "pixels", "time"],
+    ];
+    let mut rows = vec![heads.concat().into_iter().map(String::from).collect()];
     for p in &found.parameters {
         let chi = p.blocks.chi_square.iter().fold(0.0f64, |a, &b| a.max(b)) / p.blocks.degrees_of_freedom;
         rows.push(vec![
@@ -180,6 +182,7 @@ fn table(found: &CheckReport) -> String {
             format!("{:.2}", p.blocks.max_z),
             format!("{:.2}", p.blocks.max_z_threshold),
             format!("{chi:.2}"),
+            format!("{:.2}", p.blocks.chi_square_threshold / p.blocks.degrees_of_freedom),
             format::number(p.step),
             format!("{}", p.spp_ours),
             format!("{}", p.spp_differences),

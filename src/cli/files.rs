@@ -63,7 +63,7 @@ pub fn check_place(path: &Path, overwrite: bool) -> Result<()> {
     if !overwrite && path.exists() {
         return Err(Error::Mismatch {
             what: format!("{} exists", path.display()),
-            remedy: "pass --overwrite to replace it, or -o for another name".into(),
+            remedy: "pass --overwrite to replace it, or give another name".into(),
         });
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty());

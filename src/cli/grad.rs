@@ -186,6 +186,9 @@ impl GradArgs {
             if all {
                 (setup.sensor, setup.crop, setup.spp) = (sensor, setup.scene.films[sensor].part.crop, spp);
             }
+            let mut derivative = setup.job(Mode::Reverse(&params, &[]), &self.render);
+            (derivative.terms, derivative.edges) = (terms.clone(), self.edges.into());
+            derivative.refuse()?;
             let (adjoint, loss) = match self.loss {
                 None => (self.image(path, &setup)?, None),
                 Some(kind) => {
@@ -319,10 +322,11 @@ fn write_voxels(path: &Path, params: &ParamSet, setup: &Setup, slots: &[f64], lo
     }
     let beyond = |x: &&f64| x.is_finite() && !(**x as f32).is_finite() || **x != 0.0 && **x as f32 == 0.0;
     let lost = params.arrays.iter().filter(|a| arrays::is_voxels(&a.name)).flat_map(|a| &slots[a.range()]);
+    let count = lost.clone().count();
     match lost.filter(beyond).count() {
         0 => {}
         n => log.warn(format!(
-            "{n} numbers leave the range of single precision and are 0 or infinite in {}",
+            "{}: of {count} gradients, {n} too large or too small for single precision, written as infinite or 0; scale the loss or the adjoint picture",
             path.display()
         )),
     }

@@ -22,6 +22,7 @@ pub struct Log {
 impl Log {
     pub fn new(options: &LogOptions) -> Result<Self> {
         let open = |path: &std::path::PathBuf| {
+            super::files::check_place(path, true)?;
             File::create(path)
                 .map(Mutex::new)
                 .map_err(|source| Error::Io { what: format!("cannot write the log {}", path.display()), source })

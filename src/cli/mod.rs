@@ -26,7 +26,7 @@ mod run;
 mod signal;
 mod stress;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use log::Log;
 use std::process::ExitCode;
 use std::sync::OnceLock;
@@ -102,11 +102,13 @@ fn version() -> &'static str {
 
 /// The whole command tree, for man pages and completions.
 fn command() -> clap::Command {
-    Cli::command()
+    // `--seed -1` is a bad number, not an unknown option.
+    Cli::command().mut_subcommands(|s| s.allow_negative_numbers(true))
 }
 
 pub fn main() -> ExitCode {
-    let command = match Cli::try_parse() {
+    let parsed = command().try_get_matches().and_then(|m| Cli::from_arg_matches(&m));
+    let command = match parsed {
         Ok(cli) => cli.command,
         Err(e) => {
             // Nothing is left to tell it to if the terminal is gone.

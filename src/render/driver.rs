@@ -137,15 +137,28 @@ impl Job<'_> {
         if outcome.film.health.get(Mishap::Overflow) > 0 { self.run_with(progress, true) } else { Ok(outcome) }
     }
 
-    fn run_with(&self, progress: &(dyn Fn(Progress) + Sync), wide: bool) -> Result<Outcome> {
-        let start = Instant::now();
-        let params = self.mode.params().filter(|p| !p.is_empty());
-        let motion =
-            params.map(|p| Motion::new(self.scene, &self.scene.sensors[self.sensor], p)).transpose()?.map(Arc::new);
+    /// What moves, and the rooms that this asks for.
+    fn prepare(&self, params: Option<&ParamSet>) -> Result<(Option<Arc<Motion>>, Option<Rooms<'_>>)> {
+        let sensor = &self.scene.sensors[self.sensor];
+        let motion = params.map(|p| Motion::new(self.scene, sensor, p)).transpose()?.map(Arc::new);
         let wanted = |n: &str| self.terms.wants(n);
         let new = |(m, p)| Rooms::new(self.scene, self.sensor, self.crop, self.seed, p, m, self.edges, wanted);
         let rooms = motion.as_ref().zip(params).map(new).transpose()?;
-        let mut rooms = rooms.filter(|r| !r.is_empty());
+        Ok((motion, rooms.filter(|r| !r.is_empty())))
+    }
+
+    /// What a run of this job would refuse, without a sample.
+    pub fn refuse(&self) -> Result<()> {
+        let Some(params) = self.mode.params().filter(|p| !p.is_empty()) else { return Ok(()) };
+        let (motion, _) = self.prepare(Some(params))?;
+        let cut = motion.map(|m| m.moving.cut().clone()).unwrap_or_default();
+        SweepFacts::new(self.scene, &self.scene.sensors[self.sensor], params, &cut).map(|_| ())
+    }
+
+    fn run_with(&self, progress: &(dyn Fn(Progress) + Sync), wide: bool) -> Result<Outcome> {
+        let start = Instant::now();
+        let params = self.mode.params().filter(|p| !p.is_empty());
+        let (motion, mut rooms) = self.prepare(params)?;
         if let (Some(rooms), Some(params)) = (&mut rooms, params) {
             self.guide(rooms, params);
         }

@@ -85,6 +85,14 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
             "set max_depth to 14 or less, or use fewer mirrors and panes".into(),
         ));
     }
+    if scene.lights.is_empty() && scene.media.iter().all(|m| m.emission.is_none()) {
+        found.push(warning(
+            WarningKind::NoEffect,
+            &Span { file: parts.sensors[0].span.file.clone(), line: 0, column: 0 },
+            "nothing in the scene shines: every picture is black".into(),
+            "add an <emitter>, or emission to a medium".into(),
+        ));
+    }
     let coarse = scene.bounds.magnitude() > 1e5 * scene.bounds.radius();
     if !scene.bounds.is_empty() && scene.bounds.radius() > 0.0 && coarse {
         found.push(warning(

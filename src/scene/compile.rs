@@ -265,7 +265,10 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
         };
         if boundary {
             if let Some(leak) = m.topology().leaks() {
-                let hint = "close and weld the mesh: rays that pass a hole leave or enter the medium unseen";
+                let hint = match m.topology().is_inside_out() {
+                    true => "turn its faces, or set flip_normals: its interior is the medium behind its normals",
+                    false => "close and weld the mesh: rays that pass a hole leave or enter the medium unseen",
+                };
                 warn(WarningKind::LeakyBoundary, leak, hint);
             }
         }

@@ -410,11 +410,16 @@ impl Scene {
         otherwise
     }
 
+    /// A way from `p` of this length, short of its end by rounding only: what it ends on is not on it, on whichever side.
+    pub fn short_of(&self, p: DVec3, length: f64) -> f64 {
+        length * (1.0 - 1e-12) - self.tolerance(p)
+    }
+
     /// Whether anything opaque stands between `p` and the light.
     pub fn opaque_blocks(&self, p: DVec3, a: &Arrival, on: &On) -> bool {
         let tolerance = self.tolerance(p);
-        // What the light stands on, its own surface first of all, does not block: stop short of it by rounding only.
-        let t_max = a.distance * (1.0 - 1e-12) - tolerance;
+        // What the light stands on, its own surface first of all, does not block.
+        let t_max = self.short_of(p, a.distance);
         let simple = self.opaque.simple.iter().any(|&id| {
             let start = on.face(id).map(|face| Start { face });
             let shape = &self.shapes[id as usize].shape;

@@ -30,6 +30,11 @@ impl March {
         scene.boundary(self.o, self.w, t_max, &self.on, self.medium)
     }
 
+    /// What is left of a way of this length.
+    pub fn left(&self, whole: f64) -> f64 {
+        (whole - self.before).max(0.0)
+    }
+
     /// Go on behind an interface, straight.
     pub fn pass(&mut self, scene: &Scene, hit: &Hit) {
         self.medium = scene.shapes[hit.shape as usize].medium_behind(self.w, hit.n, self.medium);

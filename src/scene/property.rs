@@ -55,7 +55,10 @@ pub(super) fn read(params: &mut Params, source: &Source, e: Element, name: &str)
             let text = params.text(&attr, &format!("an integer (`{name}`)"))?;
             match text.trim().parse() {
                 Ok(i) => Ok(Value::Int(i)),
-                Err(_) => flaw(format!("`{text}` is not an integer"), "write a whole number such as 16 or -1"),
+                Err(_) => flaw(
+                    format!("`{name}`: `{text}` is not an integer"),
+                    "write a whole number such as 16 or -1, or <float> where the property takes any number",
+                ),
             }
         }
         "boolean" => match params.text(&attr, &format!("a boolean (`{name}`)"))?.trim() {

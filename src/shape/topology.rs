@@ -76,6 +76,11 @@ impl Topology {
         self.inconsistent_edges == 0
     }
 
+    /// Closed, and all of its faces are turned inward.
+    pub fn is_inside_out(&self) -> bool {
+        self.is_closed() && self.is_consistently_oriented() && self.signed_volume < 0.0
+    }
+
     /// Why this mesh should not bound a medium as it stands; `None` if all is well. Stored soup that welds shut is well.
     pub fn leaks(&self) -> Option<String> {
         let mut parts = Vec::new();
@@ -91,7 +96,7 @@ impl Topology {
         if self.faces_against_normals > 0 {
             parts.push(format!("{} faces wound against their vertex normals", self.faces_against_normals));
         }
-        if self.is_closed() && self.is_consistently_oriented() && self.signed_volume < 0.0 {
+        if self.is_inside_out() {
             parts.push("normals that point inward".into());
         }
         (!parts.is_empty()).then(|| parts.join(", "))

@@ -282,8 +282,8 @@ fn camera_span(cx: &Context, q: &Projected) -> Option<MediumSpan> {
     for _ in 0..scene.max_interfaces {
         let hit = ray.meets(scene, f64::INFINITY);
         let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-        if t1 >= q.distance - ray.before {
-            return MediumSpan::ahead(&ray, t1, hit.as_ref());
+        if t1 >= ray.left(q.distance) {
+            return MediumSpan::ahead(&ray, f64::INFINITY, hit.as_ref());
         }
         ray.pass(scene, &hit.filter(|h| scene.passes(h))?);
     }

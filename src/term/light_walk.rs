@@ -81,19 +81,9 @@ fn surface<'a>(scene: &'a Scene, h: &Hit) -> &'a Surface {
 }
 
 /// Transmittance of the clear way from `p` along `w`; `None` where something stands in it.
-pub fn clear(
-    cx: &mut Context,
-    p: DVec3,
-    w: DVec3,
-    distance: f64,
-    medium: Option<u32>,
-    on: &On,
-    to_surface: bool,
-) -> Option<Rgb> {
+pub fn clear(cx: &mut Context, p: DVec3, w: DVec3, distance: f64, medium: Option<u32>, on: &On) -> Option<Rgb> {
     let emission = Emission { first: crate::medium::NO_SLOT, per_channel: true, unit: Rgb::ONE, value: Rgb::ONE };
-    // A way that ends on a surface stops a rounding short of it.
-    let a =
-        Arrival { w, distance, factor: 1.0, emission, pdf: 0.0, target: to_surface.then_some((0, 0)), n: DVec3::ZERO };
+    let a = Arrival { w, distance, factor: 1.0, emission, pdf: 0.0, target: None, n: DVec3::ZERO };
     let mut rec = NoRecord;
     let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
     let t = transmit::shadow(&mut walker, medium, p, on, &a);
@@ -107,7 +97,7 @@ pub fn seen(cx: &mut Context, z: &Vertex, q: &Projected) -> Option<Rgb> {
     if f.is_zero() {
         return None;
     }
-    Some(f * clear(cx, z.p, -q.w, q.distance, z.medium, &z.on(), false)?)
+    Some(f * clear(cx, z.p, -q.w, q.distance, z.medium, &z.on())?)
 }
 
 /// The walk and its connections.
@@ -261,7 +251,7 @@ impl LightWalk<'_> {
             return;
         }
         let per_volume = q.pixels_per_area / (size[0] * size[1]) * distances.density(t);
-        let Some(way) = clear(cx, y, dz, d, Some(span.medium), &On::default(), z.hit.is_some()) else { return };
+        let Some(way) = clear(cx, y, dz, d, Some(span.medium), &On::default()) else { return };
         let a = self.walk_density(cx, z, -dz, d);
         // Film area cancels against the density of the film point.
         let phase = m.phase.eval(one_minus_cos(w, dz));
@@ -298,14 +288,13 @@ fn camera_span(cx: &mut Context, o: DVec3, w: DVec3, t: f64) -> Option<(MediumSp
     for _ in 0..scene.max_interfaces {
         let hit = ray.meets(scene, f64::INFINITY);
         let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-        let holds = ray.before + t1 >= t;
+        let (left, holds) = (ray.left(t), t1 >= ray.left(t));
         if !holds && hit.is_none_or(|h| !scene.passes(&h)) {
             return None;
         }
-        let whole = MediumSpan::ahead(&ray, t1, hit.as_ref());
+        let whole = MediumSpan::ahead(&ray, f64::INFINITY, hit.as_ref());
         if let Some(span) = &whole {
-            let end = if holds { (t - ray.before).max(0.0) } else { t1 };
-            transmittance *= transmit::one_span(scene, &span.until(end));
+            transmittance *= transmit::one_span(scene, &span.until(if holds { left } else { t1 }));
         }
         if holds {
             return whole.map(|whole| (whole, transmittance));

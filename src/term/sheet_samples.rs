@@ -23,9 +23,9 @@ fn irradiance(cx: &mut Context, ray: &Ray, y: DVec3, medium: Option<u32>, on: &O
     };
     let mut rec = NoRecord;
     let mut w = Walker::new(cx.scene, cx.set, &mut rec);
-    let t = transmit::through(&mut w, medium, y, on, &a)?.transmittance;
+    let clear = transmit::through(&mut w, medium, y, on, &a);
     cx.tally.missed_boundary += w.tally.missed_boundary;
-    Some(t * a.emission.color() * a.factor)
+    Some(clear?.transmittance * a.emission.color() * a.factor)
 }
 
 /// Nearest surface on a ray of a sheet; `None` if something stands before the sheet begins.
@@ -61,8 +61,7 @@ fn camera_spans(cx: &mut Context, film: [f64; 2], spans: &mut Vec<MediumSpan>) {
     let mut ray = March::new(o, w, On::default(), cx.sensor.medium);
     for _ in 0..scene.max_interfaces {
         let hit = ray.meets(scene, f64::INFINITY);
-        let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-        spans.extend(MediumSpan::ahead(&ray, t1, hit.as_ref()));
+        spans.extend(MediumSpan::ahead(&ray, f64::INFINITY, hit.as_ref()));
         let Some(h) = hit.filter(|h| scene.passes(h)) else { return };
         ray.pass(scene, &h);
     }

@@ -158,10 +158,10 @@ pub(super) fn optical_depth(
     let mut ray = March::new(line.o, line.w, line.on, line.medium);
     let mut entered = None;
     for _ in 0..scene.max_interfaces {
-        let left = line.length - ray.before;
+        let left = ray.left(line.length);
         let hit = if line.within { None } else { ray.boundary(scene, left) };
         let length = hit.as_ref().map_or(left, |h| h.t);
-        if let Some(span) = MediumSpan::ahead(&ray, length, hit.as_ref()) {
+        if let Some(span) = MediumSpan::ahead(&ray, left, hit.as_ref()) {
             let part = Part { m: &scene.media[span.medium as usize], span, before: ray.before };
             let (t0, t1) = part.clipped();
             if t1 > t0 {

@@ -1,13 +1,13 @@
 //! Connections to collimated beams, straight and by way of flat mirrors and interfaces ([T] (30), 6.2): at every vertex, each way of each beam that reaches it. Nothing is drawn.
 
 use super::record::{End, Event, MediumSpan, Recorder};
-use super::transmit;
 use super::vertex::{Toward, Vertex};
 use super::walk::{State, Walker};
+use super::{specular, transmit};
 use crate::light::{Emission, LightKind, beam_profile};
 use crate::math::{DVec3, Rgb};
 use crate::scene::beams::Way;
-use crate::scene::{Hit, March, On, Scene};
+use crate::scene::{March, On, Scene};
 
 /// The emission that reaches `x` by the way, if its line is clear.
 pub fn emission(scene: &Scene, way: &Way, x: DVec3, points: &mut Vec<DVec3>) -> Option<Emission> {
@@ -80,23 +80,25 @@ pub fn clear(
     let (mut t, mut ray) = (Rgb::ONE, March::new(o, -way.w, on, medium));
     for k in 0..=points.len() {
         let step = way.steps.len().checked_sub(k + 1).map(|i| &way.steps[i]);
-        let length = match step {
-            Some(_) => f64::INFINITY,
-            None => match light.kind {
-                LightKind::Beam { position, direction, .. } => (ray.o - position).dot(direction),
-                _ => light.center().map_or(f64::INFINITY, |q| (q - ray.o).length()),
-            },
+        let length = match (step, &light.kind) {
+            (Some(_), _) => f64::INFINITY,
+            (None, LightKind::Beam { position, direction, .. }) => (ray.o - *position).dot(*direction),
+            (None, _) => light.center().map_or(f64::INFINITY, |q| (q - ray.o).length()),
         };
-        ray.before = 0.0;
-        let hit = loop {
-            let left = length - ray.before;
-            let hit = ray.meets(scene, left);
-            let null = hit.is_some_and(|h| scene.passes(&h));
-            let wanted = |h: &Hit| null || step.is_some_and(|s| (s.shape, s.face) == (h.shape, h.face));
-            if !hit.as_ref().map_or(step.is_none(), wanted) {
+        // Up to the next step, or to the light, whatever that stands on.
+        let end = loop {
+            let left = ray.left(length);
+            let limit = if step.is_none() { scene.short_of(ray.o, left) } else { left };
+            let hit = ray.meets(scene, limit);
+            let passes = hit.is_some_and(|h| scene.passes(&h));
+            let wanted = match (step, &hit) {
+                (Some(s), Some(h)) => passes || (s.shape, s.face) == (h.shape, h.face),
+                (step, hit) => passes || step.is_some() == hit.is_some(),
+            };
+            if !wanted {
                 return None;
             }
-            if let Some(span) = MediumSpan::ahead(&ray, hit.as_ref().map_or(left, |h| h.t), hit.as_ref()) {
+            if let Some(span) = MediumSpan::ahead(&ray, left, hit.as_ref()) {
                 t *= transmit::one_span(scene, &span);
                 passed(span);
                 if t.is_zero() {
@@ -104,18 +106,14 @@ pub fn clear(
                 }
             }
             match hit {
-                Some(h) if null => ray.pass(scene, &h),
-                other => break other,
+                Some(h) if passes => ray.pass(scene, &h),
+                end => break end,
             }
         };
-        let (Some(step), Some(h)) = (step, hit) else { return Some(t) };
-        if step.through {
-            ray.pass(scene, &h);
-        } else {
-            ray.on = if ray.w.dot(h.n) > 0.0 { On::inside(&h) } else { On::at(&h) };
-            ray.o = h.p;
-        }
-        ray.w = -step.before;
+        let (Some(step), Some(h)) = (step, end) else { return Some(t) };
+        let on = specular::left(&ray.on, &h, ray.w, step.through, scene.tolerance(h.p));
+        let behind = || scene.shapes[h.shape as usize].medium_behind(ray.w, h.n, ray.medium);
+        ray = March::new(h.p, -step.before, on, if step.through { behind() } else { ray.medium });
     }
     None
 }

@@ -24,8 +24,7 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     let end = loop {
         crossings += 1;
         let hit = ray.meets(scene, f64::INFINITY);
-        let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-        if let Some(span) = MediumSpan::ahead(&ray, t1, hit.as_ref()) {
+        if let Some(span) = MediumSpan::ahead(&ray, f64::INFINITY, hit.as_ref()) {
             if matches!(&scene.media[span.medium as usize].density, Volume::Grid(g) if g.channels() == 3) {
                 // No inverse for three extinctions at once: walk instead.
                 return State { stage: Stage::Fly, direct: false, ..s };
@@ -33,13 +32,13 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
             line.push(scene, span);
         }
         let Some(h) = hit else { break None };
-        let passes = scene.passes(&h) && scene.shapes[h.shape as usize].light.is_none();
+        let goes_on = scene.passes(&h) && scene.shapes[h.shape as usize].light.is_none();
         if crossings > scene.max_interfaces {
             // Counted; the walk goes on from here and is bounded by its own cap.
             w.tally.missed_boundary += 1;
             break Some(h);
         }
-        if !passes {
+        if !goes_on {
             break Some(h);
         }
         ray.pass(scene, &h);

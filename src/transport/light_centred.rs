@@ -76,13 +76,13 @@ impl Sight {
             }
             let hit = ray.meets(scene, f64::INFINITY);
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-            let holds = ray.before + t1 >= d;
+            // What the point lies on does not block it.
+            let (left, holds) = (ray.left(d), t1 >= scene.short_of(ray.o, ray.left(d)));
             if !holds && hit.is_none_or(|h| !scene.passes(&h)) {
                 return None;
             }
-            let end = if holds { d - ray.before } else { t1 };
-            if let Some(span) = MediumSpan::ahead(&ray, t1, hit.as_ref()) {
-                let part = span.until(end.max(0.0));
+            if let Some(span) = MediumSpan::ahead(&ray, f64::INFINITY, hit.as_ref()) {
+                let part = span.until(left.min(t1));
                 transmittance *= transmit::one_span(scene, &part);
                 let m = &scene.media[span.medium as usize];
                 if m.is_homogeneous() {
@@ -92,10 +92,19 @@ impl Sight {
                     w.rec.side_span(part);
                 }
                 if holds {
-                    let t = (d - ray.before).max(0.0);
                     let (per_length, density) = (lobe.f / (d * d), lobe.pdf / (d * d));
                     let tint = lobe.tint;
-                    return Some(Sight { direction, per_length, tint, density, phase, transmittance, tau, span, t });
+                    return Some(Sight {
+                        direction,
+                        per_length,
+                        tint,
+                        density,
+                        phase,
+                        transmittance,
+                        tau,
+                        span,
+                        t: left,
+                    });
                 }
             }
             if holds || transmittance.is_zero() {

@@ -37,10 +37,9 @@ impl Line {
     pub fn clear(scene: &Scene, o: DVec3, w: DVec3, t_max: f64, medium: Option<u32>) -> Option<Line> {
         let (mut line, mut ray) = (Line::default(), March::new(o, w, On::default(), medium));
         for _ in 0..scene.max_interfaces {
-            let left = t_max - ray.before;
+            let left = ray.left(t_max);
             let hit = ray.boundary(scene, left);
-            let length = hit.as_ref().map_or(left, |h| h.t);
-            if let Some(span) = MediumSpan::ahead(&ray, length, hit.as_ref()) {
+            if let Some(span) = MediumSpan::ahead(&ray, left, hit.as_ref()) {
                 line.push(scene, span);
             }
             let Some(h) = hit else {
@@ -64,9 +63,8 @@ impl Line {
         let (mut line, mut ray) = (Line::default(), March::new(o, w, *on, medium));
         for _ in 0..scene.max_interfaces {
             let hit = ray.meets(scene, f64::INFINITY);
-            if weighed {
-                let length = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-                MediumSpan::ahead(&ray, length, hit.as_ref()).into_iter().for_each(|span| line.push(scene, span));
+            if let Some(span) = MediumSpan::ahead(&ray, f64::INFINITY, hit.as_ref()).filter(|_| weighed) {
+                line.push(scene, span);
             }
             line.last = ray.medium;
             let Some(h) = hit else { return Some((line, None)) };

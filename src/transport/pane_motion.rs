@@ -11,6 +11,7 @@
 
 use super::aim::{self, Line, Turn};
 use super::pane::{Origin, Reach, reach};
+use super::specular;
 use crate::light::LightKind;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Dual, Rgb, V3};
@@ -87,11 +88,9 @@ fn depths(
     // From there to the light.
     let (w, p) = (line.w, r.at.value());
     let hit = scene.hit_at(p, pane.shape, pane.face);
-    let (medium, on) = if r.through {
-        (scene.shapes[pane.shape as usize].medium_behind(w, pane.n, medium), on.crossed(&hit, scene.tolerance(p)))
-    } else {
-        (medium, if w.dot(pane.n) > 0.0 { On::inside(&hit) } else { On::at(&hit) })
-    };
+    let on = specular::left(&on, &hit, w, r.through, scene.tolerance(p));
+    let behind = || scene.shapes[pane.shape as usize].medium_behind(w, pane.n, medium);
+    let medium = if r.through { behind() } else { medium };
     let line = Line { o: p, w: -r.before.value(), length: second.v, medium, on, within: false };
     let passes = |v: DVec3, s: f64, sigma: Rgb| {
         (0..3).for_each(|k| add(k, sigma * v.dot(at[k] - before[k] * s)));

@@ -57,8 +57,9 @@ impl MediumSpan {
         MediumSpan { medium, o, w, t0: 0.0, t1, from, to }
     }
 
-    /// What lies before a ray, up to what is hit or to t1; `None` in a vacuum.
-    pub fn ahead(ray: &March, t1: f64, hit: Option<&Hit>) -> Option<Self> {
+    /// What lies before a ray, up to what is hit or to the limit; `None` in a vacuum.
+    pub fn ahead(ray: &March, limit: f64, hit: Option<&Hit>) -> Option<Self> {
+        let t1 = hit.map_or(limit, |h| h.t);
         ray.medium.map(|id| MediumSpan::new(id, ray.o, ray.w, t1, &ray.on, hit))
     }
 

@@ -41,14 +41,13 @@ pub fn through<R: Recorder>(w: &mut Walker<R>, medium: Option<u32>, p: DVec3, on
     let (mut t, mut tau) = (Rgb::ONE, Rgb::ZERO);
     // Null interfaces only: whatever is opaque was asked above.
     for met in 0..scene.max_interfaces {
-        let left = a.distance - ray.before;
+        let left = ray.left(a.distance);
         let hit = ray.boundary(scene, left);
-        let length = hit.as_ref().map_or(left, |h| h.t);
-        if let Some(span) = MediumSpan::ahead(&ray, length, hit.as_ref()) {
+        if let Some(span) = MediumSpan::ahead(&ray, left, hit.as_ref()) {
             t *= one_span(scene, &span);
             let m = &scene.media[span.medium as usize];
             if m.is_homogeneous() {
-                tau += m.sigma_t.map(|x| if x == 0.0 { 0.0 } else { x * length });
+                tau += m.sigma_t.map(|x| if x == 0.0 { 0.0 } else { x * span.t1 });
             }
             if R::ON {
                 w.rec.side_span(span);

@@ -188,6 +188,8 @@ fn nothing_is_written_on_usage_and_scene_errors() {
         ("render fog.xml --max-time 10", "90s"),
         ("render fog.xml --target-error 0", "greater than 0"),
         ("render fog.xml --spp 0", "--spp"),
+        ("render fog.xml --seed -1", "invalid value '-1' for '--seed"),
+        ("render fog.xml --log-file no/x.log", "no folder no"),
         ("render fog.xml -t 0", "--threads"),
         ("render fog.xml -s 7", "2 sensors"),
         ("render fog.xml -s fron", "did you mean `front`"),

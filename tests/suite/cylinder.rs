@@ -405,7 +405,7 @@ fn t9_isothermal_enclosure() {
             .replace(r#"<bsdf type="diffuse"/>"#, &b);
         check("L", &picture(&text, 256), 1.0, 0.01);
         let names = ["x", "r", "turn", "ax", "can", "cx"];
-        let spp = if medium.is_empty() { 1 << 14 } else { 1 << 12 };
+        let spp = if medium.is_empty() { 1 << 12 } else { 1 << 11 };
         let e = all(&text, &names, spp);
         let alone = derivatives(&text, &names, &["surface_edge", "medium_edge"], spp);
         let mut told = 0;

@@ -29,12 +29,12 @@ fn slabs_against_adding_doubling() {
     ] {
         let case = format!("slab_{name}");
         for (view, quantity) in [(View::R(1.0), "R_1"), (View::T(1.0), "T_1")] {
-            slab_case(&case, s, view, quantity, 1 << 18, 0.01);
+            slab_case(&case, s, view, quantity, 1 << 16, 0.01);
         }
     }
     let s = Slab { n: 1.5, ..Slab::new(1.0, 0.9, 0.0) };
     for (view, quantity) in [(View::Rdiff, "R_diff"), (View::Tdiff, "T_diff"), (View::R(0.5), "R_0.5")] {
-        slab_case("slab_t1_a0.9_g0_n1.5", s, view, quantity, 1 << 18, 0.02);
+        slab_case("slab_t1_a0.9_g0_n1.5", s, view, quantity, 1 << 16, 0.02);
     }
 }
 

@@ -1,6 +1,6 @@
 //! Forward and reverse are transposes of each other, and neither changes the picture.
 
-use crate::common::{params, run, scene};
+use crate::common::{against_differences, params, run, scene};
 use tyndall::math::Rgb;
 use tyndall::math::rng::Rng;
 use tyndall::render::driver::Mode;
@@ -84,34 +84,13 @@ fn any_number_of_threads_gives_the_same_bits() {
     }
 }
 
-/// Every derivative against central differences of the picture with common random numbers (5 s.e. of the difference and the
-/// derivative together, plus the step's own error; false alarm 6e-7 a comparison).
+/// Every derivative against central differences, steps of a tenth of the value.
 #[test]
 fn derivatives_agree_with_finite_differences() {
-    let (desc, sc) = scene(ROOM);
-    let p = params(&desc, &sc, &ALL);
-    let spp = 1024;
-    let f = run(&sc, spp, 3, Mode::Forward(&p));
-    for (k, name) in ALL.iter().enumerate() {
-        let x = desc.params.iter().find(|q| q.name == *name).unwrap().value;
-        let h = 0.1 * x;
-        let side = |s: f64| {
-            let (_, sc) = crate::common::scene_with(ROOM, &[(name, &format!("{}", x + s * h))]);
-            crate::common::estimate(&run(&sc, spp, 3, Mode::Picture), 0)
-        };
-        let (a, b, d) = (side(1.0), side(-1.0), crate::common::estimate(&f, k + 1));
-        for c in 0..3 {
-            let fd = (a.value[c] - b.value[c]) / (2.0 * h);
-            // Independent errors: an upper bound, common random numbers only help.
-            let se = ((a.error[c].powi(2) + b.error[c].powi(2)).sqrt() / (2.0 * h)).hypot(d.error[c]);
-            println!("{name} {c}: {} +- {} fd {fd} +- {se}", d.value[c], d.error[c]);
-            assert!(
-                (d.value[c] - fd).abs() <= 5.0 * se + 0.01 * fd.abs(),
-                "{name} channel {c}: {} vs {fd} +- {se}",
-                d.value[c]
-            );
-        }
-    }
+    let (desc, _) = scene(ROOM);
+    let value = |name: &str| desc.params.iter().find(|q| q.name == name).unwrap().value;
+    let wrt = ALL.map(|name| (name, 0.1 * value(name)));
+    against_differences(ROOM, &wrt, &["all"], 512, 0.01);
 }
 
 /// Objects without ids, all on one line: their slots must not be mixed up.

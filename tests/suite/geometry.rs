@@ -123,7 +123,7 @@ fn a_camera_that_names_its_medium_needs_no_warning_and_one_that_does_not_gets_it
     let text = |inside: &str| {
         format!(
             r#"<scene version="3.0.0"><integrator type="volpath"/><medium type="homogeneous" id="fog"/>
-            <sensor type="perspective">{inside}</sensor><shape type="cube"><bsdf type="null"/><ref name="interior" id="fog"/></shape></scene>"#
+            <sensor type="perspective">{inside}</sensor><shape type="cube"><bsdf type="null"/><ref name="interior" id="fog"/></shape><emitter type="constant"/></scene>"#
         )
     };
     let (_, named) = scene(&text(r#"<ref id="fog"/>"#));
@@ -138,7 +138,7 @@ fn boundaries_that_let_no_light_in_or_leak_are_warned_of() {
     let kind = |bsdf: &str| {
         let (_, s) = scene(&format!(
             r#"<scene version="3.0.0"><integrator type="volpath"/><medium type="homogeneous" id="fog"/><sensor type="perspective">
-            <transform name="to_world"><translate z="-5"/></transform></sensor><shape type="cube">{bsdf}<ref name="interior" id="fog"/></shape></scene>"#
+            <transform name="to_world"><translate z="-5"/></transform></sensor><shape type="cube">{bsdf}<ref name="interior" id="fog"/></shape><emitter type="constant"/></scene>"#
         ));
         s.warnings.iter().map(|w| w.kind).collect::<Vec<_>>()
     };
@@ -164,7 +164,7 @@ fn open_glass_and_absurd_roughness_are_warned_of() {
         std::fs::write(&path, format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n{faces}")).unwrap();
         let (_, s) = scene(&format!(
             r#"<scene version="3.0.0"><integrator type="volpath"/><sensor type="perspective"><transform name="to_world"><translate z="-5"/></transform></sensor>
-            <shape type="obj" id="gem"><string name="filename" value="{}"/>{bsdf}</shape></scene>"#,
+            <shape type="obj" id="gem"><string name="filename" value="{}"/>{bsdf}</shape><emitter type="constant"/></scene>"#,
             path.display()
         ));
         s.warnings.iter().map(|w| (w.kind, w.to_string())).collect::<Vec<_>>()
@@ -251,5 +251,42 @@ fn nearest_points_of_a_scene_are_those_of_its_shapes() {
             assert!((shape.nearest_on_face(n.face, n.p) - n.p).length() < 1e-14, "on its face: {n:?}");
         }
         assert!(found > 1000);
+    }
+}
+
+#[test]
+fn a_scene_in_which_nothing_shines_is_warned_of() {
+    let warnings = |light: &str| {
+        let (_, s) = scene(&format!(
+            r#"<scene version="3.0.0"><sensor type="perspective"/><shape type="sphere"><point name="center" x="0" y="0" z="5"/></shape>{light}</scene>"#
+        ));
+        s.warnings.iter().map(|w| w.to_string()).collect::<Vec<_>>()
+    };
+    assert!(warnings("")[0].contains("nothing in the scene shines"));
+    assert!(warnings(r#"<emitter type="constant"/>"#).is_empty());
+}
+
+/// A point light on a ceiling, whose own rounding must not decide whether it blocks; by itself (an analytic shape) and through Embree (a mesh).
+#[test]
+fn what_a_light_stands_on_does_not_block_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("square.obj");
+    std::fs::write(&path, "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n").unwrap();
+    let mesh = format!(r#"type="obj"><string name="filename" value="{}"/>"#, path.display());
+    for ceiling in [r#"type="rectangle">"#, &mesh] {
+        let lit = |y: &str| {
+            let (_, s) = scene(&format!(
+                r#"<scene version="3.0.0"><integrator type="path"><integer name="max_depth" value="2"/></integrator>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="0, 1, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="box"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="5"/></transform><bsdf type="diffuse"/></shape>
+  <shape {ceiling}<transform name="to_world"><rotate x="1" angle="90"/><rotate y="1" angle="37"/><scale value="0.9"/><translate y="2.2"/></transform>
+    <bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
+  <emitter type="point"><point name="position" x="0.31" y="{y}" z="0.17"/><rgb name="intensity" value="9"/></emitter></scene>"#
+            ));
+            estimate(&run(&s, 64, 1, Mode::Picture), 0).value[0]
+        };
+        let (on, below) = (lit("2.2"), lit("2.199999"));
+        assert!((on - below).abs() < 1e-4 * below, "{ceiling}: {on} {below}");
     }
 }

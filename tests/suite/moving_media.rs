@@ -325,7 +325,7 @@ fn t9_isothermal_enclosure_shapes() {
     let text = enclosure(&camera(3.5, ""));
     let moves = [("floor", 0.02), ("x", 0.02), ("y", 0.02), ("mesh", 0.02), ("panel", 0.02)];
     let grows = [("r", 0.04), ("size", 0.04), ("turn", 4e-4), ("tilt", 4e-4)];
-    isothermal(&text, &[&moves[..], &grows[..]].concat(), 1 << 14);
+    isothermal(&text, &[&moves[..], &grows[..]].concat(), 1 << 12);
     // Edges hide what is behind them, whatever shines there: the interior alone is no identity.
     let thin = enclosure_of(0.35, 0.3, &camera(3.5, ""));
     for e in &forward_of(&thin, ALL, &["floor", "r", "size"], &["interior"], 1 << 13)[1..] {
@@ -339,9 +339,9 @@ fn t9_isothermal_enclosure_cameras() {
     let what = [("cx", 0.02), ("aim", 0.02), ("fov", 4e-4)];
     // Thin: paths are shorter, and slides spread less.
     let thin = |sensor: &str| enclosure_of(0.35, 0.3, sensor);
-    isothermal(&thin(&camera(3.5, "")), &what, 1 << 14);
-    isothermal(&thin(&camera(1.65, IN_FOG)), &what, 1 << 14);
-    isothermal(&thin(ORTHOGRAPHIC), &[("cx", 0.02), ("aim", 0.02), ("zoom", 0.02)], 1 << 14);
+    isothermal(&thin(&camera(3.5, "")), &what, 1 << 12);
+    isothermal(&thin(&camera(1.65, IN_FOG)), &what, 1 << 12);
+    isothermal(&thin(ORTHOGRAPHIC), &[("cx", 0.02), ("aim", 0.02), ("zoom", 0.02)], 1 << 13);
 }
 
 /// Nothing absorbs, nothing but the sky shines: scattering alone carries its 1 everywhere.
@@ -376,7 +376,7 @@ fn rigid_motion_of_everything_changes_nothing() {
         fog(r#"<float name="sigma_t" value="0.7"/><float name="albedo" value="0.8"/>"#),
         camera(3.5, "")
     );
-    nothing(&text, &[("sx", 0.02), ("spin", 4e-4)], 1 << 14);
+    nothing(&text, &[("sx", 0.02), ("spin", 4e-4)], 1 << 13);
 }
 
 /// A plane without features slides and turns in itself, in fog, under a lamp and a ball that hides part of it.

@@ -89,7 +89,7 @@ const WITHIN: &str = r#"<sensor type="perspective"><float name="fov" value="20"/
     <transform name="to_world"><lookat origin="$cx, 1.1, 1.6" target="0.85, 0.5, 0" up="0, 1, 0"/><translate x="$aim"/></transform><ref id="fog"/>
     <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor>"#;
 
-const SPP: u64 = 1 << 17;
+const SPP: u64 = 1 << 16;
 
 #[test]
 fn a_ball_under_a_lamp() {

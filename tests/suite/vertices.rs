@@ -217,7 +217,11 @@ fn a_mesh_that_passes_through_itself_is_refused() {
     mesh.0[0] = DVec3::new(-0.45, 0.75, 0.1);
     let (sc, params) =
         open(&room(r#"<translate y="1.2" z="0.1"/>"#, "", POINT), &obj(&mesh, false), &["mesh.vertices"]);
-    let e = job(&sc, 32, 1, Mode::Reverse(&params, &adjoint(30))).run(&|_| {}).err().expect("refused").to_string();
+    let adjoint = adjoint(30);
+    let job = job(&sc, 32, 1, Mode::Reverse(&params, &adjoint));
+    let e = job.run(&|_| {}).err().expect("refused").to_string();
+    // The same before anything is rendered.
+    assert_eq!(job.refuse().unwrap_err().to_string(), e);
     assert!(e.contains("the mesh `mesh` passes through itself"), "{e}");
 }
 
