@@ -121,13 +121,11 @@ pub fn check(name: &str, e: &Estimate, truth: f64, precision: f64) {
 pub fn difference(text: &str, orders: Orders, name: &str, h: f64, spp: u64) -> Estimate {
     let (desc, _) = scene(text);
     let x = desc.params.iter().find(|q| q.name == name).unwrap().value;
+    let sides = [1.0, -1.0].map(|s| scene_of_orders(text, &[(name, &format!("{}", x + s * h))], orders).1);
     let runs: Vec<Rgb> = (0..8)
         .map(|seed| {
-            let side = |s: f64| {
-                let (_, sc) = scene_of_orders(text, &[(name, &format!("{}", x + s * h))], orders);
-                estimate(&run(&sc, spp / 8, 100 + seed, Mode::Picture), 0).value
-            };
-            (side(1.0) - side(-1.0)) / (2.0 * h)
+            let [up, down] = [0, 1].map(|i| estimate(&run(&sides[i], spp / 8, 100 + seed, Mode::Picture), 0).value);
+            (up - down) / (2.0 * h)
         })
         .collect();
     let of = |c: usize| -> tyndall::math::stats::Moments { runs.iter().map(|r| r[c]).collect() };

@@ -258,7 +258,7 @@ fn nearest_points_of_a_scene_are_those_of_its_shapes() {
 fn a_scene_in_which_nothing_shines_is_warned_of() {
     let warnings = |light: &str| {
         let (_, s) = scene(&format!(
-            r#"<scene version="3.0.0"><sensor type="perspective"/><shape type="sphere"><point name="center" x="0" y="0" z="5"/></shape>{light}</scene>"#
+            r#"<scene version="3.0.0"><integrator type="path"/><sensor type="perspective"/><shape type="sphere"><point name="center" x="0" y="0" z="5"/></shape>{light}</scene>"#
         ));
         s.warnings.iter().map(|w| w.to_string()).collect::<Vec<_>>()
     };
