@@ -45,6 +45,12 @@ fn errors_are_measured_against_a_reference() {
     let (out, _) = f.run(0, "converge fog.xml --reference ref.exr --time 500ms -o d.csv --json");
     let v: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(v["curves"][0]["reference_spp"], 512.0);
+    // One that has all layers of a derivative saves the time of rendering them.
+    f.run(0, "grad fog.xml --wrt albedo --split-terms --spp 512 --seed 8 -o ref_d.exr -q");
+    let line = "converge fog.xml --wrt albedo --reference ref_d.exr --time 2s -t 1 -o f.csv --json";
+    let (out, _) = f.run(0, line);
+    let v: Value = serde_json::from_str(&out).unwrap();
+    assert!(v["curves"].as_array().unwrap().iter().all(|c| c["reference_spp"] == 512.0), "{v}");
     let (_, err) = f.run(2, "converge fog.xml --reference none.exr -o e.csv");
     assert!(err.contains("none.exr") && err.contains("help: "), "{err}");
     let (_, err) = f.run(2, "converge fog.xml --crop 0,0,8,8 --reference ref.exr --wrt albdo -o e.csv");
