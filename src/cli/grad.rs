@@ -17,7 +17,7 @@ use tyndall::image::{exr, output};
 use tyndall::math::Rgb;
 use tyndall::native::vdb;
 use tyndall::params::{Array, ParamSet};
-use tyndall::render::driver::Mode;
+use tyndall::render::driver::{Job, Mode};
 use tyndall::render::family::stream;
 use tyndall::render::plan::Terms;
 use tyndall::scene::parts::Parts;
@@ -186,20 +186,17 @@ impl GradArgs {
             if all {
                 (setup.sensor, setup.crop, setup.spp) = (sensor, setup.scene.films[sensor].part.crop, spp);
             }
-            let mut derivative = setup.job(Mode::Reverse(&params, &[]), &self.render);
-            (derivative.terms, derivative.edges) = (terms.clone(), self.edges.into());
-            derivative.refuse()?;
             let (adjoint, loss) = match self.loss {
                 None => (self.image(path, &setup)?, None),
                 Some(kind) => {
+                    self.gradient_job(&setup, &params, &[], &terms).refuse()?;
                     let (mut adjoint, report) = self.adjoint_of_loss(kind, path, &mut setup, sensors.len(), log)?;
                     adjoint.iter_mut().for_each(|a| *a *= 1.0 / sensors.len() as f64);
                     (adjoint, Some(report))
                 }
             };
             setup.stop.check()?;
-            let mut job = setup.job(Mode::Reverse(&params, &adjoint), &self.render);
-            (job.terms, job.edges) = (terms.clone(), self.edges.into());
+            let mut job = self.gradient_job(&setup, &params, &adjoint, &terms);
             job.max_time = self.part_of_time(if loss.is_some() { 2 * sensors.len() } else { sensors.len() });
             if let Some(l) = &loss {
                 job.seed = l.gradient_seed;
@@ -261,6 +258,12 @@ impl GradArgs {
         let image = exr::read_rgb(path)
             .map_err(|e| Error::usage(e.to_string(), "give an .exr with the channels R, G and B"))?;
         loss::fit(&image, &path.display().to_string(), setup.crop, setup.full_size())
+    }
+
+    /// The gradient of a picture by its adjoint, or what refuses it.
+    fn gradient_job<'a>(&self, setup: &'a Setup, params: &'a ParamSet, adjoint: &'a [Rgb], terms: &Terms) -> Job<'a> {
+        let job = setup.job(Mode::Reverse(params, adjoint), &self.render);
+        Job { terms: terms.clone(), edges: self.edges.into(), ..job }
     }
 
     /// Cameras, and the picture and the gradient of each, share the time alike.

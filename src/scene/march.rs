@@ -30,7 +30,7 @@ impl March {
         scene.boundary(self.o, self.w, t_max, &self.on, self.medium)
     }
 
-    /// What is left of a way of this length.
+    /// What is left of a way of this length; 0 where rounding would leave less.
     pub fn left(&self, whole: f64) -> f64 {
         (whole - self.before).max(0.0)
     }

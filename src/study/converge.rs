@@ -16,6 +16,7 @@ use crate::render::driver::Outcome;
 use crate::render::family::{Family, Member, View, numbers, stream};
 use crate::render::health::Health;
 use serde::Serialize;
+use std::cell::Cell;
 use std::time::{Duration, Instant};
 
 /// Steps of the finite differences: each half of the one before.
@@ -206,6 +207,7 @@ impl Bench<'_> {
         // A glance tells which layers there are; what the file has of them is not rendered.
         let (mut references, mut spp) = self.references(&run, 0.0)?;
         if references.iter().any(|(n, _)| n.starts_with(&layer) && given(n).is_none()) {
+            say(format!("{layer}: rendering references"));
             let (found, more) = self.references(&run, self.share)?;
             (references, spp) = (found, spp + more);
         }
@@ -237,7 +239,8 @@ impl Bench<'_> {
             }
         }
         say(format!("{layer}: finite differences"));
-        let differences = self.differences(family, name, &total, say)?;
+        let (differences, spp) = self.differences(family, name, &total, say)?;
+        self.study.samples += spp;
         self.study.speedups.push(speedup(name, &found[0], &differences));
         found.extend(differences);
         found.iter_mut().for_each(|c| c.parameter = Some(name.into()));
@@ -258,18 +261,22 @@ impl Bench<'_> {
         Curve::new(kind, name, reference).grown(reference, time, self.seed, &run)
     }
 
-    /// A trial of every step; then all time to the one that promises the least error by the end.
+    /// A trial of every step; then all time to the one that promises the least error by the end. Also their samples.
     fn differences(
         &self,
         family: &Family,
         name: &str,
         reference: &Reference,
         say: &mut dyn FnMut(String),
-    ) -> Result<Vec<Curve>> {
+    ) -> Result<(Vec<Curve>, f64)> {
         let value = self.member.desc.params[self.member.desc.wrt(name)?].value;
         let at = At { family, name, value };
         let (side, first) = sweep::start(&at, at.largest_step()?)?;
-        let run = |d: &Difference, spp, seed| Ok(d.round(&self.view, spp, seed, &self.study.health)?.swap_remove(0));
+        let samples = Cell::new(0.0);
+        let run = |d: &Difference, spp, seed| {
+            samples.set(samples.get() + (d.pictures() * self.view.pixels()) as f64 * spp as f64);
+            Ok(d.round(&self.view, spp, seed, &self.study.health)?.swap_remove(0))
+        };
         let start = Instant::now();
         let mut curves = Vec::new();
         for k in 0..STEPS {
@@ -290,7 +297,7 @@ impl Bench<'_> {
                 say(format!("{}: {} samples a pixel, error {:.2} %", c.name, p.spp, 100.0 * p.rmse / c.mean_abs));
             }
         }
-        Ok(curves.into_iter().map(|(_, c)| c).collect())
+        Ok((curves.into_iter().map(|(_, c)| c).collect(), samples.get()))
     }
 
     /// All layers of a long run, by name; also its samples. Rounds double until the time is over.

@@ -288,7 +288,8 @@ fn camera_span(cx: &mut Context, o: DVec3, w: DVec3, t: f64) -> Option<(MediumSp
     for _ in 0..scene.max_interfaces {
         let hit = ray.meets(scene, f64::INFINITY);
         let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
-        let (left, holds) = (ray.left(t), t1 >= ray.left(t));
+        let left = ray.left(t);
+        let holds = t1 >= left;
         if !holds && hit.is_none_or(|h| !scene.passes(&h)) {
             return None;
         }

@@ -76,8 +76,9 @@ impl Sight {
             }
             let hit = ray.meets(scene, f64::INFINITY);
             let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+            let left = ray.left(d);
             // What the point lies on does not block it.
-            let (left, holds) = (ray.left(d), t1 >= scene.short_of(ray.o, ray.left(d)));
+            let holds = t1 >= scene.short_of(ray.o, left);
             if !holds && hit.is_none_or(|h| !scene.passes(&h)) {
                 return None;
             }

@@ -32,6 +32,8 @@ fn errors_are_measured_against_a_reference() {
         assert!(f.path(name).exists(), "{name}");
     }
     f.run(4, "converge fog.xml -o c.csv");
+    let (_, err) = f.run(0, "converge fog.xml --wrt albedo --time 200ms -o g.csv -v");
+    assert!(err.contains("d_albedo: rendering references"), "{err}");
     // The ratio is that of the lowest level that ours reached too; errors fall from level to level.
     let s = &v["speedups"][0];
     let levels = s["levels"].as_array().unwrap();
@@ -47,8 +49,9 @@ fn errors_are_measured_against_a_reference() {
     assert_eq!(v["curves"][0]["reference_spp"], 512.0);
     // One that has all layers of a derivative saves the time of rendering them.
     f.run(0, "grad fog.xml --wrt albedo --split-terms --spp 512 --seed 8 -o ref_d.exr -q");
-    let line = "converge fog.xml --wrt albedo --reference ref_d.exr --time 2s -t 1 -o f.csv --json";
-    let (out, _) = f.run(0, line);
+    let line = "converge fog.xml --wrt albedo --reference ref_d.exr --time 1s -t 1 -o f.csv -v --json";
+    let (out, err) = f.run(0, line);
+    assert!(!err.contains("rendering references"), "{err}");
     let v: Value = serde_json::from_str(&out).unwrap();
     assert!(v["curves"].as_array().unwrap().iter().all(|c| c["reference_spp"] == 512.0), "{v}");
     let (_, err) = f.run(2, "converge fog.xml --reference none.exr -o e.csv");
