@@ -151,8 +151,8 @@ impl Job<'_> {
     pub fn refuse(&self) -> Result<()> {
         let Some(params) = self.mode.params().filter(|p| !p.is_empty()) else { return Ok(()) };
         let (motion, _) = self.prepare(Some(params))?;
-        let cut = motion.map(|m| m.moving.cut().clone()).unwrap_or_default();
-        SweepFacts::new(self.scene, &self.scene.sensors[self.sensor], params, &cut).map(|_| ())
+        let inner = motion.map(|m| m.moving.inner().clone()).unwrap_or_default();
+        SweepFacts::new(self.scene, &self.scene.sensors[self.sensor], params, &inner).map(|_| ())
     }
 
     fn run_with(&self, progress: &(dyn Fn(Progress) + Sync), wide: bool) -> Result<Outcome> {
@@ -173,9 +173,9 @@ impl Job<'_> {
         let (scene, sensor) = (self.scene, &self.scene.sensors[self.sensor]);
         let (images, room_count) = (self.layers().len() - 1, rooms.as_ref().map_or(0, |r| r.list.len()));
         let split_layers = self.split.then_some([1 + images, 1 + (2 + room_count) * images]);
-        let cut = motion.as_ref().map(|m| m.moving.cut().clone()).unwrap_or_default();
+        let inner = motion.as_ref().map(|m| m.moving.inner().clone()).unwrap_or_default();
         let swept = swept.map(|params| {
-            let facts = Arc::new(SweepFacts::new(scene, sensor, params, &cut)?);
+            let facts = Arc::new(SweepFacts::new(scene, sensor, params, &inner)?);
             let sweep = Sweep { scene, set: &scene.settings, params, facts, sensor };
             Ok(Swept { sweep, borders, images, layers: split_layers })
         });

@@ -119,20 +119,33 @@ const IN_PLANE: f64 = 1e-9;
 
 /// The same without edges that lie in the plane through `p` with this normal.
 pub fn to_border_off(shape: &Shape, face: u32, p: DVec3, plane: Option<DVec3>) -> f64 {
+    match (corners(shape, face), shape) {
+        (Some(corners), _) => to_lines_off(border(&corners), p, plane),
+        (None, Shape::Disk(d)) => d.to_rim(p),
+        (None, Shape::Cylinder(c)) => c.to_rims(p),
+        (None, _) => f64::INFINITY,
+    }
+}
+
+/// Distance from `p` to the nearest of these lines that does not lie in the plane through `p` with this normal.
+pub fn to_lines_off(lines: impl Iterator<Item = [DVec3; 2]>, p: DVec3, plane: Option<DVec3>) -> f64 {
     let lies_in = |y: DVec3| plane.is_some_and(|n| n.dot(y - p).abs() <= IN_PLANE * (y - p).length());
-    let polygon = |corners: &[DVec3]| {
-        let n = corners.len();
-        let edges = (0..n).map(|k| [corners[k], corners[(k + 1) % n]]);
-        let counts = edges.filter(|e| !e.iter().all(|y| lies_in(*y)));
-        counts.map(|[a, b]| to_segment(p, a, b)).fold(f64::INFINITY, f64::min)
-    };
+    let counts = lines.filter(|e| !e.iter().all(|y| lies_in(*y)));
+    counts.map(|[a, b]| to_segment(p, a, b)).fold(f64::INFINITY, f64::min)
+}
+
+/// The edges of a polygon.
+pub fn border(corners: &[DVec3]) -> impl Iterator<Item = [DVec3; 2]> + '_ {
+    (0..corners.len()).map(|k| [corners[k], corners[(k + 1) % corners.len()]])
+}
+
+/// Corners of a flat face, a convex polygon, in order around it; `None` of what is round.
+pub fn corners(shape: &Shape, face: u32) -> Option<Vec<DVec3>> {
     match shape {
-        Shape::Mesh(m) => polygon(&m.corners(face)),
-        Shape::Rectangle(r) => polygon(&rectangle(r)),
-        Shape::Cube(c) => polygon(&cube(c)[face as usize]),
-        Shape::Disk(d) => d.to_rim(p),
-        Shape::Cylinder(c) => c.to_rims(p),
-        Shape::Sphere(_) => f64::INFINITY,
+        Shape::Mesh(m) => Some(m.corners(face).to_vec()),
+        Shape::Rectangle(r) => Some(rectangle(r).to_vec()),
+        Shape::Cube(c) => Some(cube(c)[face as usize].to_vec()),
+        Shape::Disk(_) | Shape::Cylinder(_) | Shape::Sphere(_) => None,
     }
 }
 

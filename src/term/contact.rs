@@ -34,7 +34,8 @@ pub fn find(scene: &Scene, motion: &Motion, params: &ParamSet) -> Option<(u32, u
     let near: Vec<bool> = (0..shapes.len()).map(beside).collect();
     let mut counts = vec![0usize; scene.shapes.len()];
     (0..edges.len()).for_each(|i| counts[edges.shape(i) as usize] += 1);
-    let chosen = (0..edges.len()).into_par_iter().filter(|&i| near[edges.shape(i) as usize]);
+    let listed = |&i: &usize| !edges.is_cut(i) && near[edges.shape(i) as usize];
+    let chosen = (0..edges.len()).into_par_iter().filter(listed);
     let chosen = chosen.filter(|&i| i % counts[edges.shape(i) as usize].div_ceil(EDGES) == 0);
     let of_edge = |i: usize| {
         let e = edges.get(scene, i);

@@ -52,8 +52,9 @@ pub struct Ends {
 #[derive(Clone, Debug, Default)]
 pub struct EdgeSet {
     pairs: Vec<Pair>,
-    /// All others.
+    /// All others, at the end those of [`super::cuts`].
     shared: Vec<SharedEdge>,
+    cuts: usize,
 }
 
 /// What two edges have in common that are one.
@@ -113,6 +114,18 @@ impl EdgeSet {
             }
             None => self.shared.push(e),
         }
+    }
+
+    /// With edges in which faces pass through each other: they have faces all around, so that they are no silhouette from anywhere.
+    #[must_use]
+    pub fn with_cuts(mut self, cuts: Vec<SharedEdge>) -> EdgeSet {
+        self.cuts += cuts.len();
+        self.shared.extend(cuts);
+        self
+    }
+
+    pub fn is_cut(&self, i: usize) -> bool {
+        i + self.cuts >= self.len()
     }
 
     pub fn len(&self) -> usize {

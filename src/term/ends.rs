@@ -7,6 +7,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Rgb};
 use crate::scene::{Hit, March, On, Scene, Settings};
 use crate::sensor::Projected;
+use crate::shape::edges::{corners, to_border};
 use crate::shape::{Geometry, Shape};
 use crate::transport::first::{First, Met, Nth, Seen};
 use crate::transport::line::Line;
@@ -345,8 +346,8 @@ const OFF_THE_EDGE: f64 = 1e-4;
 const OF_THE_WAY: f64 = 1e-2;
 
 /// Of faces (shape, face) on one side of an outline, the one that a ray along w sees first when it passes the point e a little off the side
-/// that n points to.
-pub fn front(scene: &Scene, faces: &[(u32, u32)], e: DVec3, w: DVec3, n: DVec3) -> Option<Hit> {
+/// that n points to. `beyond`: those on the other side; a face in both goes on through the edge.
+pub fn front(scene: &Scene, faces: &[(u32, u32)], beyond: &[(u32, u32)], e: DVec3, w: DVec3, n: DVec3) -> Option<Hit> {
     let depth = |&(shape, face): &(u32, u32)| {
         let m = scene.shapes[shape as usize].shape.normal(face, e);
         -m.dot(n) / m.dot(w)
@@ -359,6 +360,12 @@ pub fn front(scene: &Scene, faces: &[(u32, u32)], e: DVec3, w: DVec3, n: DVec3) 
     };
     let instance = &scene.shapes[shape as usize];
     let p = match &instance.shape {
+        flat if beyond.contains(&(shape, face)) && corners(flat, face).is_some() => {
+            let m = flat.normal(face, e);
+            let room = to_border(flat, face, e);
+            let step = (OFF_THE_EDGE * scene.bounds.radius()).min(OF_THE_WAY * room);
+            e + (n - m * n.dot(m)).normalize() * step
+        }
         Shape::Sphere(_) => e,
         Shape::Cylinder(c) => {
             c.off_the_rims(e, (OFF_THE_EDGE * scene.bounds.radius()).min(OF_THE_WAY * 0.5 * c.length))

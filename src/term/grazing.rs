@@ -95,7 +95,7 @@ impl Edges {
         let aim = Aim::new(scene, motion);
         // Lines past smooth surfaces are `virtual_edge`'s.
         let smooth = |shape: u32| scene.surfaces[scene.shapes[shape as usize].surface as usize].is_smooth();
-        let parts = |i: usize| f64::from(u8::from(!set.any(i, smooth)));
+        let parts = |i: usize| f64::from(u8::from(!set.any(i, smooth) && !set.is_cut(i)));
         let flat = |i: usize| {
             let Ends { a, b, pair } = set.ends(scene, i);
             let width = pair.map_or(PI, |corners| between(a, b, corners).1);

@@ -8,6 +8,7 @@
 pub mod arcs;
 pub mod contact;
 pub mod crossings;
+pub mod cuts;
 pub mod edge_set;
 pub mod ends;
 pub mod fermat;
@@ -44,6 +45,7 @@ use crate::scene::{Scene, Settings};
 use crate::sensor::Sensor;
 use crate::shape::Shape;
 use crate::transport::Tally;
+use crate::transport::attach::InnerBorders;
 use crate::transport::motion::Moving;
 use edge_set::EdgeSet;
 use std::sync::{Arc, OnceLock};
@@ -106,12 +108,25 @@ impl Motion {
         let lights = scene.lights.iter().map(motion).collect();
         let mut motion = Motion { lights, moving, glowing_null, edges: OnceLock::new(), crossed: Vec::new() };
         if motion.surfaces() {
-            motion.crossed = crossings::all(scene, &motion);
-            let is_cut = |i: usize| motion.crossed.iter().any(|&(a, b)| [a, b].contains(&(i as u32)));
-            let cut = (0..scene.shapes.len()).map(is_cut).collect();
-            motion.moving = motion.moving.with_cut(cut);
+            motion.cross(scene);
         }
         Ok(motion)
+    }
+
+    /// Looks for shapes that pass through each other: where they do, faces end, and edges are seen.
+    fn cross(&mut self, scene: &Scene) {
+        self.crossed = crossings::all(scene, self);
+        let is_straight = |&(a, b): &(u32, u32)| cuts::are_straight(scene, self, [a, b]);
+        let (straight, others): (Vec<_>, Vec<_>) = self.crossed.iter().copied().partition(is_straight);
+        let mut inner = InnerBorders::new(scene.shapes.len(), others.iter().flat_map(|&(a, b)| [a, b]));
+        if !straight.is_empty() {
+            let edges = self.edges(scene);
+            let lines = cuts::all(scene, &straight, &edges);
+            lines.iter().for_each(|c| c.faces.into_iter().for_each(|face| inner.add(face, c.ends)));
+            let cuts = lines.iter().map(|c| c.edge(scene)).collect();
+            self.edges = OnceLock::from(Arc::new(EdgeSet::clone(&edges).with_cuts(cuts)));
+        }
+        self.moving = std::mem::take(&mut self.moving).with_inner(inner);
     }
 
     /// Edges of everything opaque: made when someone asks first.
@@ -187,7 +202,7 @@ impl Motion {
             let concerned = |&&(a, b): &&(u32, u32)| {
                 let smooth = |k: u32| scene.surfaces[scene.shapes[k as usize].surface as usize].is_smooth();
                 let moves = self.moving.camera || self.moves(a) || self.moves(b) || smooth(a) || smooth(b);
-                moves && (a != b || self.moving.bends(a))
+                moves && (smooth(a) || smooth(b) || !cuts::are_straight(scene, self, [a, b]))
             };
             if let Some(&(a, b)) = self.crossed.iter().find(concerned) {
                 let name = |k: u32| &scene.shapes[k as usize].name;

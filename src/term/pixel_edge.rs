@@ -55,13 +55,13 @@ impl Room for PixelEdge {
         if scene.blocked_past(q.o, q.w, q.distance - contact, grazed) {
             return;
         }
-        let Some(own) = ends::front(scene, &faces.own, e, q.w, -ray.n) else { return };
+        let Some(own) = ends::front(scene, &faces.own, &faces.lit, e, q.w, -ray.n) else { return };
         let lit = match faces.lit.is_empty() {
             true => scene.opaque_past(q.o, q.w, f64::INFINITY, grazed).map(|h| {
                 // The outline may stand on what is behind it.
                 if h.t < q.distance + contact { ends::beside(scene, &h, ray.n) } else { h }
             }),
-            false => ends::front(scene, &faces.lit, e, q.w, ray.n),
+            false => ends::front(scene, &faces.lit, &faces.own, e, q.w, ray.n),
         };
         // A curved face is seen edge on: rounding must not decide from which side.
         let edge_on = grazed.first().is_some_and(|(_, named)| named.is_empty());

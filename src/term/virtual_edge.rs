@@ -395,7 +395,7 @@ impl VirtualEdge {
     ) -> Option<Jump> {
         let (scene, w, n) = (cx.scene, shot.w, facing.n);
         let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
-        let own = ends::front(scene, &facing.own, b, w, -n)?;
+        let own = ends::front(scene, &facing.own, &facing.lit, b, w, -n)?;
         let mut jump = Jump { held: Rgb::ZERO, ends: None };
         let face = |cx: &mut Context, h: Hit| match straight && !is_smooth(scene, h.shape) {
             true => Rgb::ZERO,
@@ -403,7 +403,7 @@ impl VirtualEdge {
         };
         jump.held = -face(cx, own);
         if !facing.lit.is_empty() {
-            let lit = ends::front(scene, &facing.lit, b, w, n)?;
+            let lit = ends::front(scene, &facing.lit, &facing.own, b, w, n)?;
             jump.held += face(cx, lit);
             return Some(jump);
         }

@@ -336,9 +336,10 @@ impl FilmLine<'_> {
 
     /// How the second vertex, z on a face of normal n, keeps to its direction from the first.
     pub fn held(&self, first: &First, [shape, face]: [u32; 2], z: DVec3, n: DVec3) -> Option<Attached> {
-        let cut = self.moving.cut().get(shape as usize).copied().unwrap_or(false);
-        let (x, own) = first.at.filter(|_| !cut)?;
-        Attached::new(&self.scene.shapes[shape as usize].shape, face, x, own.map(|h| h.n), z, n)
+        let (x, own) = first.at?;
+        let plane = own.map(|h| h.n);
+        let inner = self.moving.inner().distance([shape, face], x, plane)?;
+        Attached::new(&self.scene.shapes[shape as usize].shape, face, inner, x, plane, z, n)
     }
 
     /// `along`: e keeps to the face as it is.

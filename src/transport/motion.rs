@@ -12,6 +12,7 @@
 //!
 //! Silhouettes have rooms of their own.
 
+use super::attach::InnerBorders;
 use super::beam_motion::Connection;
 use super::field::{Field, classes};
 use super::first::{FilmLine, First, Met, Nth, Seen};
@@ -43,8 +44,8 @@ pub struct Moving {
     followed: Vec<u32>,
     /// Meshes whose vertices are parameters.
     bending: Vec<bool>,
-    /// Shapes that others cut: empty where nobody looked.
-    cut: Arc<[bool]>,
+    /// Of faces that others pass through: none where nobody looked.
+    inner: Arc<InnerBorders>,
 }
 
 impl Moving {
@@ -65,18 +66,18 @@ impl Moving {
             refracting,
             followed,
             bending,
-            cut: Arc::default(),
+            inner: Arc::default(),
         })
     }
 
-    /// With the shapes that others cut.
+    /// With the borders of faces that others pass through.
     #[must_use]
-    pub fn with_cut(self, cut: Arc<[bool]>) -> Moving {
-        Moving { cut, ..self }
+    pub fn with_inner(self, inner: impl Into<Arc<InnerBorders>>) -> Moving {
+        Moving { inner: inner.into(), ..self }
     }
 
-    pub fn cut(&self) -> &Arc<[bool]> {
-        &self.cut
+    pub fn inner(&self) -> &Arc<InnerBorders> {
+        &self.inner
     }
 
     pub fn any(&self) -> bool {

@@ -13,6 +13,7 @@
 //!
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
+use super::attach::InnerBorders;
 use super::border::{Borders, Place};
 use super::chained::{Start, Starts};
 use super::first::Opening;
@@ -96,8 +97,8 @@ struct MediumFacts {
 }
 
 impl SweepFacts {
-    /// `cut`: shapes that others cut ([`Moving::with_cut`]).
-    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet, cut: &Arc<[bool]>) -> Result<Self> {
+    /// `inner`: of faces that others pass through ([`Moving::with_inner`]).
+    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet, inner: &Arc<InnerBorders>) -> Result<Self> {
         let media: Vec<MediumFacts> = scene
             .media
             .iter()
@@ -118,7 +119,7 @@ impl SweepFacts {
         let rough = scene.surfaces.iter().map(|s| matches!(s, Surface::Rough(r) if r.is_active(params))).collect();
         let any_source = media.iter().any(|m| m.source) || surfaces.iter().any(|&s| s);
         let (moving, borders) =
-            (Moving::new(scene, sensor, params)?.with_cut(cut.clone()), Borders::new(scene, params));
+            (Moving::new(scene, sensor, params)?.with_inner(inner.clone()), Borders::new(scene, params));
         let mut count: u32 = 0;
         let bit = |(i, l): (usize, &crate::light::Light)| {
             // A hard edge leaves nothing else of the light to the interior.

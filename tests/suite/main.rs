@@ -11,6 +11,7 @@ mod check;
 mod chunks;
 mod cli;
 mod converge;
+mod cuts;
 mod cylinder;
 mod dielectric;
 mod duality;

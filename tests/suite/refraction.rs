@@ -122,20 +122,20 @@ const SUN: &str = r#"<emitter type="directional" id="sun"><vector name="directio
 #[test]
 fn lights_over_a_pond_against_differences() {
     let place = [("x", 0.02), ("z", 0.02)];
-    against_differences(&pond(LAMP), &place, &["all"], 1 << 14, 0.02);
+    against_differences(&pond(LAMP), &place, &["all"], 1 << 13, 0.02);
     let all = [place[0], place[1], ("dx", 0.02), ("cut", 0.5), ("beam", 0.5)];
-    against_differences(&pond(SPOT), &all, &["all"], 1 << 14, 0.02);
-    against_differences(&pond(SUN), &[("dx", 0.02)], &["all"], 1 << 14, 0.02);
+    against_differences(&pond(SPOT), &all, &["all"], 1 << 13, 0.02);
+    against_differences(&pond(SUN), &[("dx", 0.02)], &["all"], 1 << 13, 0.02);
     // From below, at the floor and the fog by way of the mirrored light as well.
     let below = pond(LAMP).replace(r#"name="z" value="1.1""#, r#"name="z" value="-0.15""#);
-    against_differences(&below, &place, &["all"], 1 << 14, 0.02);
+    against_differences(&below, &place, &["all"], 1 << 13, 0.02);
     let glass = r#"<bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf>"#;
     let metal = r#"<bsdf type="twosided"><bsdf type="conductor"/></bsdf>"#;
     let mirror = below
         .replace(glass, metal)
         .replace(r#"<default name="n" value="1.33"/>"#, "")
         .replace("$cam, 2.5", "$cam, -0.4");
-    against_differences(&mirror, &place, &["all"], 1 << 14, 0.02);
+    against_differences(&mirror, &place, &["all"], 1 << 13, 0.02);
 }
 
 /// Where indices are nearly alike the water is hardly there: the derivative is that of the light without it, which takes other ways through the program.
@@ -252,7 +252,7 @@ fn ball() -> String {
 #[test]
 fn a_ball_of_glass_and_fog_against_differences() {
     let what = [("ior", 0.02), ("r", 0.02), ("cam", 0.02), ("yaw", 0.5)];
-    against_differences(&ball(), &what, &["all"], 1 << 14, 0.02);
+    against_differences(&ball(), &what, &["all"], 1 << 13, 0.02);
 }
 
 /// Derivatives look beside the critical angle: without that single paths rule. Fixed numbers; the values agree with differences above.
@@ -304,7 +304,7 @@ const MIRROR: &str = r#"<scene version="3.0.0"><default name="angle" value="40"/
 #[test]
 fn a_beam_by_way_of_a_mirror_against_differences() {
     let what = [("angle", 1.0), ("up", 0.02), ("bx", 0.02), ("k", 0.05), ("r", 0.01)];
-    against_differences(MIRROR, &what, &["all"], 1 << 14, 0.02);
+    against_differences(MIRROR, &what, &["all"], 1 << 13, 0.02);
 }
 
 #[test]

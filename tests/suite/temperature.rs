@@ -163,7 +163,7 @@ fn things_that_move_in_a_hot_cloud() {
     <shape type="sphere"><transform name="to_world"><scale value="0.3"/><translate x="$x" y="0.2" z="0.7"/></transform>
       <bsdf type="diffuse"><rgb name="reflectance" value="0.3"/></bsdf></shape></scene>"#
     );
-    against_differences(&text, &[("x", 0.04), ("b", 0.04)], &["all"], 1 << 17, 0.01);
+    against_differences(&text, &[("x", 0.04), ("b", 0.04)], &["all"], 1 << 16, 0.01);
 }
 
 /// The hot cloud as a whole, and its temperatures alone, move, turn and grow past fog that stays or goes along.

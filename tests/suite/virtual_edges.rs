@@ -133,7 +133,7 @@ fn a_lamp_in_a_mirror() {
 
 #[test]
 fn a_beam_that_parts_in_a_block() {
-    against_differences(BEAM, &[("ior", 0.02), ("bx", 0.03), ("x", 0.03)], &["all"], 1 << 12, 0.02);
+    against_differences(BEAM, &[("ior", 0.02), ("bx", 0.03), ("x", 0.03)], &["all"], 1 << 11, 0.02);
 }
 
 #[test]
