@@ -119,11 +119,11 @@ const IN_PLANE: f64 = 1e-9;
 
 /// The same without edges that lie in the plane through `p` with this normal.
 pub fn to_border_off(shape: &Shape, face: u32, p: DVec3, plane: Option<DVec3>) -> f64 {
-    match (corners(shape, face), shape) {
-        (Some(corners), _) => to_lines_off(border(&corners), p, plane),
-        (None, Shape::Disk(d)) => d.to_rim(p),
-        (None, Shape::Cylinder(c)) => c.to_rims(p),
-        (None, _) => f64::INFINITY,
+    let polygon = |corners: &[DVec3]| to_lines_off(border(corners), p, plane);
+    match shape {
+        Shape::Disk(d) => d.to_rim(p),
+        Shape::Cylinder(c) => c.to_rims(p),
+        flat => with_corners(flat, face, polygon).unwrap_or(f64::INFINITY),
     }
 }
 
@@ -139,12 +139,17 @@ pub fn border(corners: &[DVec3]) -> impl Iterator<Item = [DVec3; 2]> + '_ {
     (0..corners.len()).map(|k| [corners[k], corners[(k + 1) % corners.len()]])
 }
 
-/// Corners of a flat face, a convex polygon, in order around it; `None` of what is round.
-pub fn corners(shape: &Shape, face: u32) -> Option<Vec<DVec3>> {
+/// Whether all faces are polygons.
+pub fn is_flat(shape: &Shape) -> bool {
+    matches!(shape, Shape::Mesh(_) | Shape::Rectangle(_) | Shape::Cube(_))
+}
+
+/// What `f` makes of the corners of a flat face, a convex polygon, in order around it; `None` of what is round.
+pub fn with_corners<R>(shape: &Shape, face: u32, f: impl FnOnce(&[DVec3]) -> R) -> Option<R> {
     match shape {
-        Shape::Mesh(m) => Some(m.corners(face).to_vec()),
-        Shape::Rectangle(r) => Some(rectangle(r).to_vec()),
-        Shape::Cube(c) => Some(cube(c)[face as usize].to_vec()),
+        Shape::Mesh(m) => Some(f(&m.corners(face))),
+        Shape::Rectangle(r) => Some(f(&rectangle(r))),
+        Shape::Cube(c) => Some(f(&cube(c)[face as usize])),
         Shape::Disk(_) | Shape::Cylinder(_) | Shape::Sphere(_) => None,
     }
 }

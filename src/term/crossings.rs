@@ -1,8 +1,9 @@
-//! Shapes that pass through each other, and meshes that bend through themselves: the curve where they meet is seen as an edge, but is none of either, and no room knows how it moves.
+//! Shapes that pass through each other, or through themselves: the curve where they meet is seen as an edge, but no file lists it. Where it is made of straight lines that move as
+//! both do, [`super::cuts`] finds them; how any other moves no room knows.
 
 use super::Motion;
 use crate::math::{DVec3, warp};
-use crate::scene::Scene;
+use crate::scene::{Hit, Scene};
 use crate::shape::Shape;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -11,34 +12,52 @@ use std::f64::consts::TAU;
 const EDGES: usize = 20_000;
 /// Straight pieces of a circle.
 const PIECES: usize = 64;
+/// Shapes that one line may meet.
+const MOST: usize = 256;
 /// Ends of a line count as touching up to this share of it, and lines that are parallel to a surface up to this cosine.
 const TOUCHES: f64 = 1e-4;
 
+/// What a line meets between its ends, in order; faces of `past` do not count.
+pub fn met_along(scene: &Scene, [a, b]: [DVec3; 2], past: &[(u32, Vec<u32>)]) -> Vec<Hit> {
+    let length = (b - a).length();
+    let w = (b - a) / length;
+    let (mut met, mut t) = (Vec::new(), 0.0);
+    while met.len() < MOST && t < length {
+        let from = a + w * t;
+        let Some(hit) = scene.opaque_past(from, w, length - t, past) else { break };
+        t += hit.t.max(0.0) + 4.0 * scene.tolerance(from);
+        met.push(hit);
+    }
+    met
+}
+
 /// Pairs of opaque shapes (or twice the same) of which one runs through the other; what it looks at are lines on the shapes.
 pub fn all(scene: &Scene, motion: &Motion) -> Vec<(u32, u32)> {
-    let through = |owner: u32, faces: &[(u32, Vec<u32>)], a: DVec3, b: DVec3| {
-        let length = (b - a).length();
-        let w = (b - a) / length;
-        let hit = scene.opaque_past(a + w * (TOUCHES * length), w, length * (1.0 - 2.0 * TOUCHES), faces)?;
-        let met = hit.shape;
+    let through = |faces: &[(u32, Vec<u32>)], a: DVec3, b: DVec3| {
+        let (from, to) = (a.lerp(b, TOUCHES), b.lerp(a, TOUCHES));
+        let w = (b - a).normalize();
+        let met = met_along(scene, [from, to], faces);
+        if met.is_empty() {
+            return Vec::new();
+        }
         // A line that only touches misses it when it is moved aside, one way or another.
         let aside = TOUCHES * scene.bounds.radius();
         let (u, v) = warp::frame(w);
-        let runs_in = |off: DVec3| {
-            let a = a + w * (TOUCHES * length) + off * aside;
-            let hit = scene.opaque_past(a, w, length * (1.0 - 2.0 * TOUCHES), faces);
-            hit.is_some_and(|h| h.shape == met)
+        let beside = [u, -u, v, -v].map(|off| met_along(scene, [from + off * aside, to + off * aside], faces));
+        let crosses = |h: &&Hit| {
+            h.n.dot(w).abs() > TOUCHES && beside.iter().all(|met| met.iter().any(|other| other.shape == h.shape))
         };
-        let crosses = hit.n.dot(w).abs() > TOUCHES && [u, -u, v, -v].into_iter().all(runs_in);
-        crosses.then_some((owner, met))
+        let owners = || faces.iter().map(|f| f.0);
+        met.iter().filter(crosses).flat_map(|h| owners().map(|o| (o, h.shape))).collect::<Vec<_>>()
     };
     let edges = motion.edges(scene);
     let step = edges.len().div_ceil(EDGES).max(1);
     let through_edge = |i: usize| {
         let e = edges.get(scene, i);
-        through(e.faces[0].0, &e.faces, e.edge.a, e.edge.b)
+        through(&e.faces, e.edge.a, e.edge.b)
     };
-    let mut pairs: Vec<(u32, u32)> = (0..edges.len()).into_par_iter().step_by(step).filter_map(through_edge).collect();
+    let chosen = (0..edges.len()).into_par_iter().step_by(step);
+    let mut pairs: Vec<(u32, u32)> = chosen.flat_map_iter(through_edge).collect();
     for (i, s) in scene.shapes.iter().enumerate().filter(|(_, s)| !scene.is_null(s)) {
         let faces = [(i as u32, Vec::new())];
         let circle = |c: DVec3, x: DVec3, y: DVec3| {
@@ -46,7 +65,7 @@ pub fn all(scene: &Scene, motion: &Motion) -> Vec<(u32, u32)> {
                 let (s, q) = (TAU * k as f64 / PIECES as f64).sin_cos();
                 c + x * q + y * s
             };
-            (0..PIECES).filter_map(|k| through(i as u32, &faces, at(k), at(k + 1))).collect::<Vec<_>>()
+            (0..PIECES).flat_map(|k| through(&faces, at(k), at(k + 1))).collect::<Vec<_>>()
         };
         match &s.shape {
             Shape::Sphere(q) => {
@@ -65,9 +84,9 @@ pub fn all(scene: &Scene, motion: &Motion) -> Vec<(u32, u32)> {
                 let line = |k: usize| {
                     let (s, q) = (TAU * k as f64 / PIECES as f64).sin_cos();
                     let [a, b] = c.line((x * q + y * s) / c.radius);
-                    through(i as u32, &faces, a, b)
+                    through(&faces, a, b)
                 };
-                pairs.extend((0..PIECES).filter_map(line));
+                pairs.extend((0..PIECES).flat_map(line));
             }
             _ => {}
         }

@@ -1,26 +1,25 @@
 //! Lines along which flat faces that move alike pass through each other: a crease of the picture that no file lists.
 //!
 //! Two faces meet in a line of both planes, clipped by both polygons. Which faces meet is told by the edges of their shapes: each of the line's ends is where
-//! an edge of one face passes through the other, so rays along edges find every pair, most of them twice.
+//! an edge of one face passes through the other, so rays along edges find most pairs twice. Not found are lines that end on borders of both faces, and those that
+//! lie on a border of one (a wall through a floor right over a seam of it).
 
-use super::Motion;
 use super::edge_set::{EdgeSet, SharedEdge};
+use super::{Motion, crossings, ends};
 use crate::math::DVec3;
 use crate::math::nearest::to_segment;
 use crate::scene::Scene;
-use crate::shape::edges::{Edge, Side, border, corners};
+use crate::shape::edges::{Edge, Side, border, is_flat, with_corners};
 use crate::shape::{Bounds, Geometry};
 use rayon::prelude::*;
 
 /// A face: shape and number.
 type Face = (u32, u32);
 
-/// Lines shorter than this share of the scene's radius are none, and one that is no further from the border of a face is that border, standing on the other face.
-const TOUCHES: f64 = 1e-7;
+/// Distances that count as contact below which a line is none, or the border of a face that stands on the other one.
+const CONTACTS: f64 = 2.0;
 /// Sine of the angle between two faces up to which they lie in one plane.
 const FLAT: f64 = 1e-9;
-/// Faces that one edge may pass through.
-const MOST: usize = 256;
 
 /// A straight line in two faces.
 #[derive(Clone, Copy, Debug)]
@@ -31,26 +30,27 @@ pub struct Cut {
 
 /// Whether the curve in which two shapes meet is made of such lines.
 pub fn are_straight(scene: &Scene, motion: &Motion, [a, b]: [u32; 2]) -> bool {
-    let flat = |k: u32| corners(&scene.shapes[k as usize].shape, 0).is_some() && !motion.moving.bends(k);
+    let flat = |k: u32| is_flat(&scene.shapes[k as usize].shape) && !motion.moving.bends(k);
     flat(a) && flat(b) && motion.class(a) == motion.class(b)
 }
 
 /// All lines in which these pairs of shapes (or one with itself) meet.
 pub fn all(scene: &Scene, pairs: &[(u32, u32)], edges: &EdgeSet) -> Vec<Cut> {
-    let met = |i: usize| faces_met(scene, pairs, &edges.get(scene, i));
+    let bounds: Vec<Bounds> = scene.shapes.iter().map(|s| s.shape.bounds()).collect();
+    let met = |i: usize| faces_met(scene, pairs, &bounds, &edges.get(scene, i));
     let concerned = |&i: &usize| pairs.iter().any(|&(a, b)| edges.any(i, |s| s == a || s == b));
     let mut faces: Vec<[Face; 2]> = (0..edges.len()).into_par_iter().filter(concerned).flat_map_iter(met).collect();
     faces.par_sort_unstable();
     faces.dedup();
-    faces.into_iter().filter_map(|f| line(scene, f)).collect()
+    faces.into_par_iter().filter_map(|f| line(scene, f)).collect()
 }
 
 /// Pairs of faces, the lower first, of which an edge shows that they may meet.
-fn faces_met(scene: &Scene, pairs: &[(u32, u32)], e: &SharedEdge) -> Vec<[Face; 2]> {
+fn faces_met(scene: &Scene, pairs: &[(u32, u32)], bounds: &[Bounds], e: &SharedEdge) -> Vec<[Face; 2]> {
     let (a, b) = (e.edge.a, e.edge.b);
     let own: Bounds = [a, b].into_iter().collect();
     let partner = |s: u32, t: u32| pairs.contains(&(s, t)) || pairs.contains(&(t, s));
-    let near = |s: u32, t: u32| s == t || scene.shapes[t as usize].shape.bounds().gap(&own) == 0.0;
+    let near = |s: u32, t: u32| s == t || bounds[t as usize].gap(&own) == 0.0;
     let mut partners: Vec<u32> = Vec::new();
     for &(s, t) in pairs {
         for (s, t) in [(s, t), (t, s)] {
@@ -59,33 +59,22 @@ fn faces_met(scene: &Scene, pairs: &[(u32, u32)], e: &SharedEdge) -> Vec<[Face; 
             }
         }
     }
-    let mut found = Vec::new();
     if partners.is_empty() {
-        return found;
+        return Vec::new();
     }
-    let length = (b - a).length();
-    let w = (b - a) / length;
-    let mut t = 0.0;
-    for _ in 0..MOST {
-        let from = a + w * t;
-        let Some(hit) = scene.opaque_past(from, w, length - t, &e.faces) else { break };
-        if partners.contains(&hit.shape) {
-            let other = (hit.shape, hit.face);
-            let sides = e.sides().map(|s| (s.0, s.1)).filter(|s| partner(s.0, other.0));
-            found.extend(sides.map(|own| [own.min(other), own.max(other)]));
-        }
-        t += hit.t.max(0.0) + 4.0 * scene.tolerance(from);
-        if t >= length {
-            break;
-        }
-    }
-    found
+    let with = |other: Face| {
+        let sides = e.sides().map(|s| (s.0, s.1)).filter(move |s| partner(s.0, other.0));
+        sides.map(move |own| [own.min(other), own.max(other)])
+    };
+    let met = crossings::met_along(scene, [a, b], &e.faces).into_iter().map(|h| (h.shape, h.face));
+    met.filter(|other| partners.contains(&other.0)).flat_map(with).collect()
 }
 
 /// What two faces have in common.
 fn line(scene: &Scene, faces: [Face; 2]) -> Option<Cut> {
-    let least = TOUCHES * scene.bounds.radius();
-    let polygons = faces.map(|(s, f)| corners(&scene.shapes[s as usize].shape, f).unwrap_or_default());
+    let least = CONTACTS * ends::contact(scene);
+    let corners = |(s, f): Face| with_corners(&scene.shapes[s as usize].shape, f, <[DVec3]>::to_vec);
+    let polygons = [corners(faces[0])?, corners(faces[1])?];
     let normals = [0, 1].map(|k| (polygons[k][1] - polygons[k][0]).cross(polygons[k][2] - polygons[k][0]).normalize());
     let d = normals[0].cross(normals[1]);
     let sin = d.length();

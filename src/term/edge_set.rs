@@ -6,7 +6,7 @@
 use super::Motion;
 use crate::math::DVec3;
 use crate::scene::Scene;
-use crate::shape::edges::{Edge, Half, Side, halves, polygons};
+use crate::shape::edges::{Edge, Half, Side, halves, is_flat, polygons};
 use crate::shape::{Bounds, Geometry, Shape, TriangleMesh};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -80,9 +80,8 @@ impl EdgeSet {
         let mut set = EdgeSet::default();
         let cell = scene.bounds.radius().max(f64::MIN_POSITIVE) * WELD;
         let mut weld = Weld { cell, by_place: HashMap::new() };
-        let flat = |s: &Shape| matches!(s, Shape::Mesh(_) | Shape::Rectangle(_) | Shape::Cube(_));
         let members: Vec<(u32, u32, Bounds)> = (0..scene.shapes.len() as u32)
-            .filter(|&i| !scene.is_null(&scene.shapes[i as usize]) && flat(&scene.shapes[i as usize].shape))
+            .filter(|&i| !scene.is_null(&scene.shapes[i as usize]) && is_flat(&scene.shapes[i as usize].shape))
             .map(|i| (i, motion.class(i), scene.shapes[i as usize].shape.bounds().grown(cell)))
             .collect();
         for &(i, class, own) in &members {

@@ -7,7 +7,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Rgb};
 use crate::scene::{Hit, March, On, Scene, Settings};
 use crate::sensor::Projected;
-use crate::shape::edges::{corners, to_border};
+use crate::shape::edges::{is_flat, to_border};
 use crate::shape::{Geometry, Shape};
 use crate::transport::first::{First, Met, Nth, Seen};
 use crate::transport::line::Line;
@@ -360,7 +360,7 @@ pub fn front(scene: &Scene, faces: &[(u32, u32)], beyond: &[(u32, u32)], e: DVec
     };
     let instance = &scene.shapes[shape as usize];
     let p = match &instance.shape {
-        flat if beyond.contains(&(shape, face)) && corners(flat, face).is_some() => {
+        flat if is_flat(flat) && beyond.contains(&(shape, face)) => {
             let m = flat.normal(face, e);
             let room = to_border(flat, face, e);
             let step = (OFF_THE_EDGE * scene.bounds.radius()).min(OF_THE_WAY * room);

@@ -120,11 +120,11 @@ impl Motion {
         let (straight, others): (Vec<_>, Vec<_>) = self.crossed.iter().copied().partition(is_straight);
         let mut inner = InnerBorders::new(scene.shapes.len(), others.iter().flat_map(|&(a, b)| [a, b]));
         if !straight.is_empty() {
-            let edges = self.edges(scene);
-            let lines = cuts::all(scene, &straight, &edges);
+            let lines = cuts::all(scene, &straight, &self.edges(scene));
             lines.iter().for_each(|c| c.faces.into_iter().for_each(|face| inner.add(face, c.ends)));
             let cuts = lines.iter().map(|c| c.edge(scene)).collect();
-            self.edges = OnceLock::from(Arc::new(EdgeSet::clone(&edges).with_cuts(cuts)));
+            let edges = self.edges.take().and_then(Arc::into_inner).unwrap_or_else(|| EdgeSet::new(scene, self));
+            self.edges = OnceLock::from(Arc::new(edges.with_cuts(cuts)));
         }
         self.moving = std::mem::take(&mut self.moving).with_inner(inner);
     }
@@ -198,7 +198,7 @@ impl Motion {
             ));
         }
         if self.surfaces() {
-            // One of them moves, or the camera: the curve itself would have to be known.
+            // One of them moves, or the camera: the curve itself has to be known.
             let concerned = |&&(a, b): &&(u32, u32)| {
                 let smooth = |k: u32| scene.surfaces[scene.shapes[k as usize].surface as usize].is_smooth();
                 let moves = self.moving.camera || self.moves(a) || self.moves(b) || smooth(a) || smooth(b);

@@ -199,7 +199,7 @@ fn is_far_from_nothing(&(text, moving, rooms): &Case) {
     let (desc, sc) = scene(text);
     let p = params(&desc, &sc, &moving);
     for room in rooms {
-        let o = Job { terms: terms(&[*room]), ..job(&sc, 1024, 2, Mode::Forward(&p)) }.run(&|_| {}).unwrap();
+        let o = Job { terms: terms(&[*room]), ..job(&sc, 2048, 2, Mode::Forward(&p)) }.run(&|_| {}).unwrap();
         let z = |k: usize| {
             let e = estimate(&o, k + 1);
             (0..3).map(|c| if e.error[c] > 0.0 { (e.value[c] / e.error[c]).abs() } else { 0.0 }).fold(0.0, f64::max)

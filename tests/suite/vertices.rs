@@ -380,7 +380,7 @@ fn transforms_in_fog_are_sums_over_vertices() {
 fn a_gem_in_fog() {
     let text = foggy(&room(r#"<translate y="0.8" z="0.1"/>"#, "", POINT), 0.5);
     let moves = [(0, DVec3::X, 0.03), (2, DVec3::Y, 0.03), (4, DVec3::new(0.6, 0.0, 0.8), 0.03)];
-    against_differences(&text, &gem(), &moves, &["interior", "pixel_edge", "light_shadow"], 1 << 12, 0.04);
+    against_differences(&text, &gem(), &moves, &["interior", "pixel_edge", "light_shadow"], 1 << 13, 0.04);
 }
 
 /// The shadow of a large lamp in thick fog.
@@ -388,7 +388,7 @@ fn a_gem_in_fog() {
 fn a_gem_under_a_lamp_in_fog() {
     let text = foggy(&room(r#"<translate y="1.2" z="0.2"/>"#, "", LAMP), 1.5);
     let moves = [(0, DVec3::X, 0.03), (1, DVec3::X, 0.03), (4, DVec3::Z, 0.03)];
-    against_differences(&text, &gem(), &moves, &["medium_edge"], 1 << 13, 0.04);
+    against_differences(&text, &gem(), &moves, &["medium_edge"], 1 << 14, 0.04);
 }
 
 /// A bent lamp in fog.
