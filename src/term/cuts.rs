@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// A face: shape and number.
 type Face = (u32, u32);
 
-/// Distances that count as contact below which a line is none, or the border of a face that stands on the other one.
+/// Of [`ends::contact`]: what a line must be longer than, and further away from the borders of both faces, or it is that of a face that stands on the other.
 const CONTACTS: f64 = 2.0;
 /// Sine of the angle between two faces up to which they lie in one plane.
 const FLAT: f64 = 1e-9;

@@ -224,7 +224,7 @@ impl Motion {
                         name(a),
                         name(b)
                     ),
-                    "let them touch, keep them apart, or make one mesh of them",
+                    "let them touch, keep them apart, or move flat shapes together",
                 ));
             }
         }

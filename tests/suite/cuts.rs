@@ -1,7 +1,8 @@
 //! Flat faces that pass through each other (`term::cuts`): the lines in which they meet, which are edges of the picture, and borders of faces.
 
-use crate::common::{against_differences, difference, forward_of, params, scene};
+use crate::common::{against_differences, difference, forward_of, job, params, scene};
 use tyndall::math::DVec3;
+use tyndall::render::driver::Mode;
 use tyndall::scene::compile::Orders;
 use tyndall::term::Motion;
 
@@ -26,10 +27,12 @@ fn sheets(light: &str) -> String {
 
 const POINT: &str = r#"<emitter type="point"><point name="position" value="-1.6, 1.9, 2.4"/><rgb name="intensity" value="9,8,7"/></emitter>"#;
 
-/// The lines that `--wrt` these finds.
+/// The lines that `--wrt` these finds, which nothing refuses.
 fn lines(text: &str, wrt: &[&str]) -> Vec<[DVec3; 2]> {
     let (desc, sc) = scene(text);
-    let motion = Motion::new(&sc, &sc.sensors[0], &params(&desc, &sc, wrt)).unwrap();
+    let p = params(&desc, &sc, wrt);
+    job(&sc, 32, 1, Mode::Forward(&p)).refuse().unwrap_or_else(|e| panic!("{e}"));
+    let motion = Motion::new(&sc, &sc.sensors[0], &p).unwrap();
     let edges = motion.edges(&sc);
     let cuts = (0..edges.len()).filter(|&i| edges.is_cut(i)).map(|i| edges.get(&sc, i).edge);
     cuts.map(|e| [e.a, e.b]).collect()
@@ -69,22 +72,11 @@ fn sheets_through_each_other() {
     let fd = difference(&text, orders, "x", 0.03, 1 << 17);
     let se = ours.error[0].hypot(fd.error[0]);
     println!("order 2: {} +- {}, differences {} +- {}", ours.value[0], ours.error[0], fd.value[0], fd.error[0]);
-    // On the wrong side of it they are 1.1e-3 apart.
+    // Radiances of the wrong side are about 1e-3 off.
     assert!(
         (ours.value[0] - fd.value[0]).abs() <= 4.5 * se && se <= 2.2e-4,
         "{} {} +- {se}",
         ours.value[0],
         fd.value[0]
     );
-}
-
-/// A block sunk into a floor, and a camera.
-#[test]
-fn a_sunk_block() {
-    let text = format!(
-        r#"<scene version="3.0.0"><default name="cam" value="0.2"/><integrator type="path"><integer name="max_depth" value="3"/></integrator>{VIEW}
-  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.1,0.5,0.2"/></bsdf></shape>
-  <shape type="cube"><transform name="to_world"><scale value="0.7"/><rotate y="1" angle="25"/><translate x="0.1" y="0.3"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.9,0.3,0.3"/></bsdf></shape>{POINT}</scene>"#
-    );
-    against_differences(&text, &[("cam", 0.03)], &["all"], 1 << 13, 0.02);
 }
