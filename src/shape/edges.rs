@@ -7,6 +7,9 @@ use crate::math::DVec3;
 use crate::math::nearest::to_segment;
 use rayon::slice::ParallelSliceMut;
 
+/// Sine of the angle between two faces up to which they lie in one plane.
+pub const FLAT: f64 = 1e-9;
+
 /// An edge: two ends and its faces, each with a point of the face off the edge.
 #[derive(Clone, Debug)]
 pub struct Edge {

@@ -10,7 +10,7 @@ use crate::scene::nearest::{Kind, Near};
 use crate::shape::Geometry;
 use rayon::prelude::*;
 
-/// Edges of a shape that are looked at, at most.
+/// Edges of a shape that are looked at, about.
 const EDGES: usize = 20_000;
 /// Shapes above which their boxes are not compared in pairs.
 const MANY: usize = 2000;
@@ -32,11 +32,8 @@ pub fn find(scene: &Scene, motion: &Motion, params: &ParamSet) -> Option<(u32, u
         shapes.len() > MANY || (0..shapes.len()).any(|k| counts(k) && shapes[k].shape.bounds().gap(&own) <= reach)
     };
     let near: Vec<bool> = (0..shapes.len()).map(beside).collect();
-    let mut counts = vec![0usize; scene.shapes.len()];
-    (0..edges.len()).for_each(|i| counts[edges.shape(i) as usize] += 1);
     let listed = |&i: &usize| !edges.is_cut(i) && near[edges.shape(i) as usize];
-    let chosen = (0..edges.len()).into_par_iter().filter(listed);
-    let chosen = chosen.filter(|&i| i % counts[edges.shape(i) as usize].div_ceil(EDGES) == 0);
+    let chosen = edges.spread(shapes.len(), EDGES).into_par_iter().filter(listed);
     let of_edge = |i: usize| {
         let e = edges.get(scene, i);
         let shapes: Vec<u32> = e.faces.iter().map(|f| f.0).collect();

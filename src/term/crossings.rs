@@ -5,17 +5,22 @@ use super::Motion;
 use crate::math::{DVec3, warp};
 use crate::scene::{Hit, Scene};
 use crate::shape::Shape;
+use crate::shape::edges::is_flat;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-/// Edges that are looked at, at most.
-const EDGES: usize = 20_000;
+/// Edges that are looked at, about; of every shape as many, but no fewer than the second.
+const EDGES: usize = 200_000;
+const OF_A_SHAPE: usize = 200;
 /// Straight pieces of a circle.
 const PIECES: usize = 64;
 /// Shapes that one line may meet.
 const MOST: usize = 256;
 /// Ends of a line count as touching up to this share of it, and lines that are parallel to a surface up to this cosine.
 const TOUCHES: f64 = 1e-4;
+/// How far aside lines are moved that may only touch: in scene radii, and in their own lengths at most.
+const ASIDE: f64 = 1e-4;
+const OF_A_LINE: f64 = 1e-2;
 
 /// What a line meets between its ends, in order; faces of `past` do not count.
 pub fn met_along(scene: &Scene, [a, b]: [DVec3; 2], past: &[(u32, Vec<u32>)]) -> Vec<Hit> {
@@ -31,8 +36,14 @@ pub fn met_along(scene: &Scene, [a, b]: [DVec3; 2], past: &[(u32, Vec<u32>)]) ->
     met
 }
 
-/// Pairs of opaque shapes (or twice the same) of which one runs through the other; what it looks at are lines on the shapes.
-pub fn all(scene: &Scene, motion: &Motion) -> Vec<(u32, u32)> {
+/// Pairs of opaque shapes (or twice the same) of which one runs through the other, but for those of flat ones of which one is `compared` ([`super::cuts`]). What it looks at are
+/// lines on the shapes.
+pub fn all(scene: &Scene, motion: &Motion, compared: &[bool]) -> Vec<(u32, u32)> {
+    let flat = |k: u32| is_flat(&scene.shapes[k as usize].shape);
+    let told = |a: u32, b: u32| flat(a) && flat(b) && (compared[a as usize] || compared[b as usize]);
+    if (0..scene.shapes.len() as u32).all(|k| told(k, k) || scene.is_null(&scene.shapes[k as usize])) {
+        return Vec::new();
+    }
     let through = |faces: &[(u32, Vec<u32>)], a: DVec3, b: DVec3| {
         let (from, to) = (a.lerp(b, TOUCHES), b.lerp(a, TOUCHES));
         let w = (b - a).normalize();
@@ -41,23 +52,24 @@ pub fn all(scene: &Scene, motion: &Motion) -> Vec<(u32, u32)> {
             return Vec::new();
         }
         // A line that only touches misses it when it is moved aside, one way or another.
-        let aside = TOUCHES * scene.bounds.radius();
+        let aside = (ASIDE * scene.bounds.radius()).min(OF_A_LINE * (b - a).length());
         let (u, v) = warp::frame(w);
         let beside = [u, -u, v, -v].map(|off| met_along(scene, [from + off * aside, to + off * aside], faces));
         let crosses = |h: &&Hit| {
             h.n.dot(w).abs() > TOUCHES && beside.iter().all(|met| met.iter().any(|other| other.shape == h.shape))
         };
         let owners = || faces.iter().map(|f| f.0);
-        met.iter().filter(crosses).flat_map(|h| owners().map(|o| (o, h.shape))).collect::<Vec<_>>()
+        let pairs = met.iter().filter(crosses).flat_map(|h| owners().map(|o| (o, h.shape)));
+        pairs.filter(|&(a, b)| !told(a, b)).collect::<Vec<_>>()
     };
     let edges = motion.edges(scene);
-    let step = edges.len().div_ceil(EDGES).max(1);
     let through_edge = |i: usize| {
         let e = edges.get(scene, i);
         through(&e.faces, e.edge.a, e.edge.b)
     };
-    let chosen = (0..edges.len()).into_par_iter().step_by(step);
-    let mut pairs: Vec<(u32, u32)> = chosen.flat_map_iter(through_edge).collect();
+    let shapes = scene.shapes.len();
+    let chosen = edges.spread(shapes, (EDGES / shapes.max(1)).max(OF_A_SHAPE));
+    let mut pairs: Vec<(u32, u32)> = chosen.into_par_iter().flat_map_iter(through_edge).collect();
     for (i, s) in scene.shapes.iter().enumerate().filter(|(_, s)| !scene.is_null(s)) {
         let faces = [(i as u32, Vec::new())];
         let circle = |c: DVec3, x: DVec3, y: DVec3| {

@@ -1,108 +1,209 @@
-//! Lines along which flat faces that move alike pass through each other: a crease of the picture that no file lists.
+//! Lines in which flat faces pass through each other: where they move alike, creases of the picture that no file lists.
 //!
-//! Two faces meet in a line of both planes, clipped by both polygons. Which faces meet is told by the edges of their shapes: each of the line's ends is where
-//! an edge of one face passes through the other, so rays along edges find most pairs twice. Not found are lines that end on borders of both faces, and those that
-//! lie on a border of one (a wall through a floor right over a seam of it).
+//! Faces are compared in pairs: both planes meet in a line, clipped by both polygons. Where it runs inside of both, each goes on beyond the other. Where it runs
+//! along the border of one, that is an edge of its shape, which passes through the other if its sides lie on either side of it (a wall through a floor right over a seam); if
+//! not, it stands there. Lines that lie in one another (three sheets through one axis) are cut into pieces of which each has all faces that meet there.
 
 use super::edge_set::{EdgeSet, SharedEdge};
-use super::{Motion, crossings, ends};
+use super::{Motion, ends};
 use crate::math::DVec3;
 use crate::math::nearest::to_segment;
 use crate::scene::Scene;
-use crate::shape::edges::{Edge, Side, border, is_flat, with_corners};
-use crate::shape::{Bounds, Geometry};
+use crate::shape::edges::{Edge, FLAT, Side, border, is_flat, with_corners};
+use crate::shape::{Geometry, Shape};
 use rayon::prelude::*;
+use std::collections::{HashMap, HashSet};
 
 /// A face: shape and number.
 type Face = (u32, u32);
 
-/// Of [`ends::contact`]: what a line must be longer than, and further away from the borders of both faces, or it is that of a face that stands on the other.
+/// Faces that are all compared with what is near them: of the shapes that have the fewest.
+const FACES: usize = 200_000;
+/// Of [`ends::contact`]: what is nearer than this is in one place.
 const CONTACTS: f64 = 2.0;
-/// Sine of the angle between two faces up to which they lie in one plane.
-const FLAT: f64 = 1e-9;
+/// Rounding of a line in two planes, in scene radii, over the sine of their angle.
+const ROUNDING: f64 = 1e-14;
 
-/// A straight line in two faces.
+/// What two faces have in common.
 #[derive(Clone, Copy, Debug)]
-pub struct Cut {
-    pub ends: [DVec3; 2],
-    pub faces: [Face; 2],
+pub struct Meeting {
+    faces: [Face; 2],
+    ends: [DVec3; 2],
+    /// Whether that is a part of the first face's border, which the second goes on beyond.
+    on_border: bool,
 }
 
-/// Whether the curve in which two shapes meet is made of such lines.
+/// How flat faces pass through each other.
+#[derive(Clone, Debug, Default)]
+pub struct Cuts {
+    /// Pairs of shapes, or twice the same.
+    pub pairs: Vec<(u32, u32)>,
+    /// In faces that move alike: pieces of lines, with all faces that they are in.
+    lines: Vec<Line>,
+    /// Edges of the set of which there are pieces among the lines.
+    pub replaced: Vec<usize>,
+}
+
+/// A straight line with faces that end or go on there.
+#[derive(Clone, Debug)]
+struct Line {
+    ends: [DVec3; 2],
+    sides: Vec<(Face, Extent)>,
+}
+
+/// How a face lies at a line.
+#[derive(Clone, Copy, Debug)]
+enum Extent {
+    /// On both sides.
+    Across,
+    /// On the side of this corner.
+    Toward(DVec3),
+}
+
+/// The shapes all of whose faces are compared with what is near them; of others it depends on what rays along their edges meet ([`super::crossings`]).
+pub fn compared(scene: &Scene) -> Vec<bool> {
+    let counts = |&i: &usize| !scene.is_null(&scene.shapes[i]) && is_flat(&scene.shapes[i].shape);
+    let mut order: Vec<usize> = (0..scene.shapes.len()).filter(counts).collect();
+    let faces = |i: usize| scene.shapes[i].shape.face_count() as usize;
+    order.sort_by_key(|&i| faces(i));
+    let mut all = vec![false; scene.shapes.len()];
+    let mut left = FACES;
+    for i in order {
+        let Some(rest) = left.checked_sub(faces(i)) else { break };
+        (all[i], left) = (true, rest);
+    }
+    all
+}
+
+/// Whether the curve in which two shapes meet is made of lines that move as both do.
 pub fn are_straight(scene: &Scene, motion: &Motion, [a, b]: [u32; 2]) -> bool {
     let flat = |k: u32| is_flat(&scene.shapes[k as usize].shape) && !motion.moving.bends(k);
     flat(a) && flat(b) && motion.class(a) == motion.class(b)
 }
 
-/// All lines in which these pairs of shapes (or one with itself) meet.
-pub fn all(scene: &Scene, pairs: &[(u32, u32)], edges: &EdgeSet) -> Vec<Cut> {
-    let bounds: Vec<Bounds> = scene.shapes.iter().map(|s| s.shape.bounds()).collect();
-    let met = |i: usize| faces_met(scene, pairs, &bounds, &edges.get(scene, i));
-    let concerned = |&i: &usize| pairs.iter().any(|&(a, b)| edges.any(i, |s| s == a || s == b));
-    let mut faces: Vec<[Face; 2]> = (0..edges.len()).into_par_iter().filter(concerned).flat_map_iter(met).collect();
-    faces.par_sort_unstable();
-    faces.dedup();
-    faces.into_par_iter().filter_map(|f| line(scene, f)).collect()
-}
-
-/// Pairs of faces, the lower first, of which an edge shows that they may meet.
-fn faces_met(scene: &Scene, pairs: &[(u32, u32)], bounds: &[Bounds], e: &SharedEdge) -> Vec<[Face; 2]> {
-    let (a, b) = (e.edge.a, e.edge.b);
-    let own: Bounds = [a, b].into_iter().collect();
-    let partner = |s: u32, t: u32| pairs.contains(&(s, t)) || pairs.contains(&(t, s));
-    let near = |s: u32, t: u32| s == t || bounds[t as usize].gap(&own) == 0.0;
-    let mut partners: Vec<u32> = Vec::new();
-    for &(s, t) in pairs {
-        for (s, t) in [(s, t), (t, s)] {
-            if e.faces.iter().any(|f| f.0 == s) && near(s, t) {
-                partners.push(t);
-            }
+impl Cuts {
+    /// Of the shapes that `of` names with all that are opaque.
+    pub fn find(scene: &Scene, motion: &Motion, edges: &EdgeSet, of: &[bool]) -> Cuts {
+        let faces = |i: usize| (0..scene.shapes[i].shape.face_count()).map(move |f| (i as u32, f));
+        let asked: Vec<Face> = (0..of.len()).filter(|&i| of[i]).flat_map(faces).collect();
+        let beside = |&face: &Face| faces_beside(scene, face, of).into_iter().filter_map(|f| meeting(scene, f));
+        let all: Vec<Meeting> = asked.par_iter().flat_map_iter(beside).collect();
+        let (on_borders, mut met): (Vec<_>, Vec<_>) = all.into_iter().partition(|m| m.on_border);
+        let straight = |m: &&Meeting| are_straight(scene, motion, m.faces.map(|f| f.0));
+        let across = |f: Face| (f, Extent::Across);
+        let mut lines: Vec<Line> = Vec::new();
+        lines.extend(met.iter().filter(straight).map(|m| Line { ends: m.ends, sides: m.faces.map(across).to_vec() }));
+        let seams = through_edges(scene, edges, &on_borders);
+        met.extend(seams.iter().map(|s| s.1));
+        let mut replaced = Vec::new();
+        for (i, m) in seams.iter().filter(|s| straight(&&s.1)) {
+            replaced.push(*i);
+            lines.push(Line { ends: m.ends, sides: vec![across(m.faces[1])] });
         }
+        replaced.dedup();
+        lines.extend(replaced.iter().map(|&i| {
+            let e = edges.get(scene, i);
+            let sides = e.sides().map(|(s, f, corner)| ((s, f), Extent::Toward(corner))).collect();
+            Line { ends: [e.edge.a, e.edge.b], sides }
+        }));
+        let pair = |m: &Meeting| (m.faces[0].0.min(m.faces[1].0), m.faces[0].0.max(m.faces[1].0));
+        let mut pairs: Vec<(u32, u32)> = met.iter().map(pair).collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        Cuts { pairs, lines: pieces(scene, lines), replaced }
     }
-    if partners.is_empty() {
-        return Vec::new();
+
+    /// Whether no lines are known.
+    pub fn is_empty(&self) -> bool {
+        self.lines.is_empty()
     }
-    let with = |other: Face| {
-        let sides = e.sides().map(|s| (s.0, s.1)).filter(move |s| partner(s.0, other.0));
-        sides.map(move |own| [own.min(other), own.max(other)])
-    };
-    let met = crossings::met_along(scene, [a, b], &e.faces).into_iter().map(|h| (h.shape, h.face));
-    met.filter(|other| partners.contains(&other.0)).flat_map(with).collect()
+
+    /// The edges that the lines are: those in which no face goes on, and the others.
+    pub fn edges(&self, scene: &Scene) -> [Vec<SharedEdge>; 2] {
+        let (cuts, plain): (Vec<_>, Vec<_>) = self.lines.iter().partition(|l| l.across().next().is_some());
+        [plain, cuts].map(|lines| lines.into_iter().map(|l| l.edge(scene)).collect())
+    }
+
+    /// Lines across faces.
+    pub fn borders(&self) -> impl Iterator<Item = (Face, [DVec3; 2])> + '_ {
+        self.lines.iter().flat_map(|l| l.across().map(|face| (face, l.ends)))
+    }
 }
 
-/// What two faces have in common.
-fn line(scene: &Scene, faces: [Face; 2]) -> Option<Cut> {
-    let least = CONTACTS * ends::contact(scene);
-    let corners = |(s, f): Face| with_corners(&scene.shapes[s as usize].shape, f, <[DVec3]>::to_vec);
+/// Pairs of a face with others that may meet it, and do not ask themselves.
+fn faces_beside(scene: &Scene, face: Face, of: &[bool]) -> Vec<[Face; 2]> {
+    let around = |face: Face| {
+        polygon(scene, face, |corners| {
+            let c = corners.iter().sum::<DVec3>() / corners.len() as f64;
+            (c, corners.iter().map(|p| p.distance(c)).fold(0.0, f64::max))
+        })
+    };
+    let Some((c, r)) = around(face) else { return Vec::new() };
+    // Of two that are both asked, the smaller one asks.
+    let pair = |other: Face| {
+        let (_, size) = around(other)?;
+        let asks = !of[other.0 as usize] || (r, face) < (size, other);
+        asks.then(|| [face.min(other), face.max(other)])
+    };
+    let near = scene.opaque.faces_within(&scene.shapes, c, r + ends::contact(scene));
+    near.into_iter().filter_map(|n| pair((n.shape, n.face))).collect()
+}
+
+/// Of the corners of a flat face that has an area.
+fn polygon<R>(scene: &Scene, (s, f): Face, of: impl FnOnce(&[DVec3]) -> R) -> Option<R> {
+    match &scene.shapes[s as usize].shape {
+        Shape::Mesh(m) if m.is_degenerate(f) => None,
+        shape => with_corners(shape, f, of),
+    }
+}
+
+/// What two faces have in common, if one goes on there.
+fn meeting(scene: &Scene, faces: [Face; 2]) -> Option<Meeting> {
+    let corners = |f| polygon(scene, f, <[DVec3]>::to_vec);
     let polygons = [corners(faces[0])?, corners(faces[1])?];
-    let normals = [0, 1].map(|k| (polygons[k][1] - polygons[k][0]).cross(polygons[k][2] - polygons[k][0]).normalize());
+    let normals = polygons.each_ref().map(|p| (p[1] - p[0]).cross(p[2] - p[0]).normalize());
     let d = normals[0].cross(normals[1]);
     let sin = d.length();
     if sin.is_nan() || sin <= FLAT {
         return None;
     }
     let d = d / sin;
+    let least = CONTACTS * ends::contact(scene) + ROUNDING * scene.bounds.radius() / sin;
+    // Faces of one edge have nothing else in common.
+    let shared = |p: &&DVec3| polygons[1].iter().any(|q| q.distance(**p) <= least);
+    if polygons[0].iter().filter(shared).count() > 1 {
+        return None;
+    }
     // The point of both planes next to a corner of the first face.
     let (p, q) = (polygons[0][0], polygons[1][0]);
     let o = p + normals[0].cross(d) * (normals[1].dot(q - p) / normals[1].dot(normals[0].cross(d)));
     let (mut t0, mut t1) = (f64::NEG_INFINITY, f64::INFINITY);
     for (polygon, n) in polygons.iter().zip(normals) {
-        let [s0, s1] = clip(polygon, n, o, d)?;
+        let [s0, s1] = clip(polygon, n, o, d, least)?;
         (t0, t1) = (t0.max(s0), t1.min(s1));
     }
+    if t1 - t0 <= least {
+        return None;
+    }
     let ends = [o + d * t0, o + d * t1];
-    let inside =
-        |polygon: &Vec<DVec3>| border(polygon).all(|[a, b]| to_segment(0.5 * (ends[0] + ends[1]), a, b) > least);
-    (t1 - t0 > least && polygons.iter().all(inside)).then_some(Cut { ends, faces })
+    let middle = 0.5 * (ends[0] + ends[1]);
+    let on_border = polygons.each_ref().map(|p| border(p).any(|[a, b]| to_segment(middle, a, b) <= least));
+    match on_border {
+        [true, true] => None,
+        [false, true] => Some(Meeting { faces: [faces[1], faces[0]], ends, on_border: true }),
+        [first, _] => Some(Meeting { faces, ends, on_border: first }),
+    }
 }
 
-/// The part of the line o + t d in the plane of a convex polygon that lies in it.
-fn clip(polygon: &[DVec3], n: DVec3, o: DVec3, d: DVec3) -> Option<[f64; 2]> {
+/// The part of the line o + t d, in the plane of a convex polygon, that is no further outside of it than `slack`.
+fn clip(polygon: &[DVec3], n: DVec3, o: DVec3, d: DVec3, slack: f64) -> Option<[f64; 2]> {
     let (mut t0, mut t1) = (f64::NEG_INFINITY, f64::INFINITY);
     for [a, b] in border(polygon) {
-        let inward = n.cross(b - a);
+        let inward = n.cross(b - a).normalize();
         let (height, slope) = (inward.dot(o - a), inward.dot(d));
+        // Along a border it is clipped by the others.
         match slope {
+            _ if slope.abs() <= FLAT && height.abs() <= slack => {}
             s if s > 0.0 => t0 = t0.max(-height / s),
             s if s < 0.0 => t1 = t1.min(-height / s),
             _ if height < 0.0 => return None,
@@ -112,20 +213,128 @@ fn clip(polygon: &[DVec3], n: DVec3, o: DVec3, d: DVec3) -> Option<[f64; 2]> {
     (t0 < t1).then_some([t0, t1])
 }
 
-impl Cut {
-    /// As an edge of four sides: either face goes on beyond the other.
-    pub fn edge(&self, scene: &Scene) -> SharedEdge {
+/// Edges, in order, with what they have in common with a face that they pass through: all of those that lie in it and have sides on either side of it.
+fn through_edges(scene: &Scene, edges: &EdgeSet, on_borders: &[Meeting]) -> Vec<(usize, Meeting)> {
+    if on_borders.is_empty() {
+        return Vec::new();
+    }
+    let slack = 2.0 * CONTACTS * ends::contact(scene);
+    let mut by_face: HashMap<Face, Vec<&Meeting>> = HashMap::new();
+    on_borders.iter().for_each(|m| by_face.entry(m.faces[0]).or_default().push(m));
+    let shapes: HashSet<u32> = by_face.keys().map(|f| f.0).collect();
+    let of_edge = |i: usize| {
+        let e = edges.get(scene, i);
+        let mut found: Vec<(usize, Meeting)> = Vec::new();
+        for m in e.sides().filter_map(|(s, f, _)| by_face.get(&(s, f))).flatten() {
+            let lies_in = |p: &DVec3| to_segment(*p, e.edge.a, e.edge.b) <= slack;
+            if found.iter().any(|(_, other)| other.faces[1] == m.faces[1]) || !m.ends.iter().all(lies_in) {
+                continue;
+            }
+            let n = scene.shapes[m.faces[1].0 as usize].shape.normal(m.faces[1].1, m.ends[0]);
+            let heights = || e.sides().map(|s| n.dot(s.2 - m.ends[0]));
+            if heights().any(|h| h > slack) && heights().any(|h| h < -slack) {
+                found.push((i, **m));
+            }
+        }
+        found
+    };
+    let concerned = |&i: &usize| edges.any(i, |s| shapes.contains(&s));
+    (0..edges.len()).into_par_iter().filter(concerned).flat_map_iter(of_edge).collect()
+}
+
+/// Lines without those that lie in others: pieces, each with all faces that are there.
+fn pieces(scene: &Scene, lines: Vec<Line>) -> Vec<Line> {
+    let slack = 2.0 * CONTACTS * ends::contact(scene);
+    let centre = scene.bounds.center();
+    let mut by_distance: Vec<(f64, Line)> = lines.into_iter().map(|l| (l.off(centre).length(), l)).collect();
+    by_distance.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut groups: Vec<(f64, Vec<Line>)> = Vec::new();
+    for (distance, line) in by_distance {
+        let near = groups.iter_mut().rev().take_while(|g| distance - g.0 <= slack);
+        match near.filter(|g| g.1[0].is_on(&line, slack)).last() {
+            Some(group) => group.1.push(line),
+            None => groups.push((distance, vec![line])),
+        }
+    }
+    groups.into_iter().flat_map(|(_, group)| split(group, slack)).collect()
+}
+
+/// The pieces of lines that lie in one.
+fn split(mut group: Vec<Line>, slack: f64) -> Vec<Line> {
+    if group.len() < 2 {
+        return group;
+    }
+    let longest = group.iter().max_by(|a, b| a.length().total_cmp(&b.length())).expect("two at least");
+    let (o, d) = (longest.ends[0], longest.direction());
+    let range = |l: &Line| {
+        let [s, t] = l.ends.map(|p| d.dot(p - o));
+        [s.min(t), s.max(t)]
+    };
+    group.sort_by(|a, b| range(a)[0].total_cmp(&range(b)[0]));
+    let mut places: Vec<f64> = group.iter().flat_map(range).collect();
+    places.sort_by(f64::total_cmp);
+    places.dedup_by(|next, kept| *next - *kept <= slack);
+    let (mut next, mut there, mut pieces): (usize, Vec<&Line>, Vec<Line>) = (0, Vec::new(), Vec::new());
+    for w in places.windows(2) {
+        let middle = 0.5 * (w[0] + w[1]);
+        while next < group.len() && range(&group[next])[0] < middle {
+            there.push(&group[next]);
+            next += 1;
+        }
+        there.retain(|l| range(l)[1] > middle);
+        let mut sides: Vec<(Face, Extent)> = there.iter().flat_map(|l| l.sides.iter().copied()).collect();
+        // Of one face twice, that it goes on comes first.
+        sides.sort_by_key(|(face, extent)| (*face, matches!(extent, Extent::Toward(_))));
+        sides.dedup_by_key(|s| s.0);
+        if !sides.is_empty() {
+            pieces.push(Line { ends: [o + d * w[0], o + d * w[1]], sides });
+        }
+    }
+    pieces
+}
+
+impl Line {
+    fn length(&self) -> f64 {
+        (self.ends[1] - self.ends[0]).length()
+    }
+
+    fn direction(&self) -> DVec3 {
+        (self.ends[1] - self.ends[0]).normalize()
+    }
+
+    /// From where the line, without its ends, is nearest to p.
+    fn off(&self, p: DVec3) -> DVec3 {
+        let (to, d) = (p - self.ends[0], self.direction());
+        to - d * to.dot(d)
+    }
+
+    fn is_on(&self, other: &Line, slack: f64) -> bool {
+        let [short, long] = if self.length() < other.length() { [self, other] } else { [other, self] };
+        short.ends.iter().all(|p| long.off(*p).length() <= slack)
+    }
+
+    fn across(&self) -> impl Iterator<Item = Face> + '_ {
+        self.sides.iter().filter(|s| matches!(s.1, Extent::Across)).map(|s| s.0)
+    }
+
+    fn edge(&self, scene: &Scene) -> SharedEdge {
         let [a, b] = self.ends;
         let (along, middle) = (b - a, 0.5 * (a + b));
         let mut sides = Vec::new();
         let mut faces: Vec<(u32, Vec<u32>)> = Vec::new();
-        for (shape, face) in self.faces {
-            let off = scene.shapes[shape as usize].shape.normal(face, middle).cross(along);
-            sides.extend([off, -off].map(|off| Side { face, corner: middle + off }));
-            match faces.last_mut().filter(|f| f.0 == shape) {
-                Some(f) => f.1.extend([face; 2]),
-                None => faces.push((shape, vec![face; 2])),
+        // In the order of shapes.
+        for ((shape, face), extent) in &self.sides {
+            let off = scene.shapes[*shape as usize].shape.normal(*face, middle).cross(along);
+            let corners = match extent {
+                Extent::Across => vec![middle + off, middle - off],
+                Extent::Toward(corner) => vec![*corner],
+            };
+            if faces.last().is_none_or(|f| f.0 != *shape) {
+                faces.push((*shape, Vec::new()));
             }
+            let named = &mut faces.last_mut().expect("one is there").1;
+            named.extend(corners.iter().map(|_| *face));
+            sides.extend(corners.into_iter().map(|corner| Side { face: *face, corner }));
         }
         SharedEdge { edge: Edge { a, b, sides }, faces }
     }

@@ -115,12 +115,30 @@ impl EdgeSet {
         }
     }
 
-    /// With edges in which faces pass through each other: they have faces all around, so that they are no silhouette from anywhere.
+    /// Without some edges, in order, and with others: `cuts` have faces all around, so that they are no silhouette from anywhere.
     #[must_use]
-    pub fn with_cuts(mut self, cuts: Vec<SharedEdge>) -> EdgeSet {
+    pub fn with_cuts(mut self, without: &[usize], [plain, cuts]: [Vec<SharedEdge>; 2]) -> EdgeSet {
+        let mut number = 0..;
+        let mut kept = || number.next().is_some_and(|i: usize| without.binary_search(&i).is_err());
+        self.pairs.retain(|_| kept());
+        self.shared.retain(|_| kept());
         self.cuts += cuts.len();
+        self.shared.extend(plain);
         self.shared.extend(cuts);
         self
+    }
+
+    /// Edges spread over every shape, about `most` of each.
+    pub fn spread(&self, shapes: usize, most: usize) -> Vec<usize> {
+        let mut counts = vec![0usize; shapes];
+        (0..self.len()).for_each(|i| counts[self.shape(i) as usize] += 1);
+        let mut seen = vec![0usize; shapes];
+        let mut chosen = |i: &usize| {
+            let s = self.shape(*i) as usize;
+            seen[s] += 1;
+            (seen[s] - 1) % counts[s].div_ceil(most) == 0
+        };
+        (0..self.len()).filter(|i| chosen(i)).collect()
     }
 
     pub fn is_cut(&self, i: usize) -> bool {

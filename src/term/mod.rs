@@ -47,6 +47,7 @@ use crate::shape::Shape;
 use crate::transport::Tally;
 use crate::transport::attach::InnerBorders;
 use crate::transport::motion::Moving;
+use cuts::Cuts;
 use edge_set::EdgeSet;
 use std::sync::{Arc, OnceLock};
 
@@ -115,18 +116,24 @@ impl Motion {
 
     /// Looks for shapes that pass through each other: where they do, faces end, and edges are seen.
     fn cross(&mut self, scene: &Scene) {
-        self.crossed = crossings::all(scene, self);
-        let is_straight = |&(a, b): &(u32, u32)| cuts::are_straight(scene, self, [a, b]);
-        let (straight, others): (Vec<_>, Vec<_>) = self.crossed.iter().copied().partition(is_straight);
-        let mut inner = InnerBorders::new(scene.shapes.len(), others.iter().flat_map(|&(a, b)| [a, b]));
-        if !straight.is_empty() {
-            let lines = cuts::all(scene, &straight, &self.edges(scene));
-            lines.iter().for_each(|c| c.faces.into_iter().for_each(|face| inner.add(face, c.ends)));
-            let cuts = lines.iter().map(|c| c.edge(scene)).collect();
+        let mut compared = cuts::compared(scene);
+        let mut pairs = crossings::all(scene, self, &compared);
+        for &(a, b) in pairs.iter().filter(|&&(a, b)| cuts::are_straight(scene, self, [a, b])) {
+            (compared[a as usize], compared[b as usize]) = (true, true);
+        }
+        let cuts = Cuts::find(scene, self, &self.edges(scene), &compared);
+        pairs.extend(&cuts.pairs);
+        pairs.sort_unstable();
+        pairs.dedup();
+        let curves = pairs.iter().filter(|&&(a, b)| !cuts::are_straight(scene, self, [a, b]));
+        let mut inner = InnerBorders::new(scene.shapes.len(), curves.flat_map(|&(a, b)| [a, b]));
+        cuts.borders().for_each(|(face, line)| inner.add(face, line));
+        if !cuts.is_empty() {
             let edges = self.edges.take().and_then(Arc::into_inner).unwrap_or_else(|| EdgeSet::new(scene, self));
-            self.edges = OnceLock::from(Arc::new(edges.with_cuts(cuts)));
+            self.edges = OnceLock::from(Arc::new(edges.with_cuts(&cuts.replaced, cuts.edges(scene))));
         }
         self.moving = std::mem::take(&mut self.moving).with_inner(inner);
+        self.crossed = pairs;
     }
 
     /// Edges of everything opaque: made when someone asks first.
@@ -198,10 +205,15 @@ impl Motion {
             ));
         }
         if self.surfaces() {
-            // One of them moves, or the camera: the curve itself has to be known.
+            // Rays that see them in what is smooth move.
+            let turns = (0..scene.shapes.len() as u32).any(|k| {
+                let surface = scene.shapes[k as usize].surface as usize;
+                scene.surfaces[surface].is_smooth() && (self.moves(k) || self.moving.refracts(surface))
+            });
+            // One of them moves, or the camera, or these: the curve itself has to be known.
             let concerned = |&&(a, b): &&(u32, u32)| {
                 let smooth = |k: u32| scene.surfaces[scene.shapes[k as usize].surface as usize].is_smooth();
-                let moves = self.moving.camera || self.moves(a) || self.moves(b) || smooth(a) || smooth(b);
+                let moves = self.moving.camera || turns || self.moves(a) || self.moves(b) || smooth(a) || smooth(b);
                 moves && (smooth(a) || smooth(b) || !cuts::are_straight(scene, self, [a, b]))
             };
             if let Some(&(a, b)) = self.crossed.iter().find(concerned) {

@@ -14,6 +14,7 @@ use crate::math::discrete::Discrete;
 use crate::math::{DVec3, warp};
 use crate::scene::Scene;
 use crate::sensor::{Projection, Sensor};
+use crate::shape::edges::FLAT;
 use crate::shape::{Cylinder, Geometry, Shape};
 use std::borrow::Cow;
 use std::f64::consts::TAU;
@@ -24,8 +25,6 @@ const DEGENERATE: f64 = 1e-14;
 const BLIND: f64 = 0.1;
 /// Sides of the polygon that stands for a rim.
 const SIDES: u32 = 48;
-/// Sine of the angle between two faces up to which they are one plane.
-const FLAT: f64 = 1e-9;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Curve {

@@ -26,6 +26,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
 use crate::scene::{Hit, Instance, On, Scene};
 use crate::sensor::{Projection, Sensor};
+use crate::shape::edges::FLAT;
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use crate::transport::first::FilmLine;
@@ -35,9 +36,6 @@ use std::cell::Cell;
 use std::sync::Arc;
 
 pub const NAME: &str = "virtual_edge";
-
-/// Sine of the angle between two faces up to which they are one plane.
-const FLAT: f64 = 1e-9;
 
 pub struct VirtualEdge {
     edges: Arc<EdgeSet>,

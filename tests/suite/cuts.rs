@@ -4,24 +4,21 @@ use crate::common::{against_differences, difference, forward_of, job, params, sc
 use tyndall::math::DVec3;
 use tyndall::render::driver::Mode;
 use tyndall::scene::compile::Orders;
+use tyndall::shape::edges::Edge;
 use tyndall::term::Motion;
 
 const VIEW: &str = r#"<sensor type="perspective"><float name="fov" value="34"/><transform name="to_world"><lookat origin="$cam, 0.9, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
     <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>"#;
 
 /// Two sheets that move alike and pass through each other in a line through the middles of both; a third that neither meets.
-fn sheets(light: &str) -> String {
-    let sheet = |place: &str, c: &str| {
-        format!(
-            r#"<shape type="rectangle"><transform name="to_world">{place}<translate x="$x"/></transform><bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="{c}"/></bsdf></bsdf></shape>"#
-        )
-    };
-    format!(
-        r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="cam" value="0.4"/>
-  <integrator type="path"><integer name="max_depth" value="3"/></integrator>{VIEW}{}{}{}{light}</scene>"#,
-        sheet(r#"<rotate y="1" angle="15"/>"#, "0.8,0.6,0.2"),
-        sheet(r#"<scale x="0.7" y="0.6"/><rotate y="1" angle="-80"/><rotate z="1" angle="20"/>"#, "0.2,0.6,0.9"),
-        sheet(r#"<rotate x="1" angle="-90"/><scale value="2"/><translate y="-1.2"/>"#, "0.5"),
+fn sheets() -> String {
+    with(
+        &[
+            sheet(r#"<rotate y="1" angle="15"/>"#, "0.8,0.6,0.2"),
+            sheet(r#"<scale x="0.7" y="0.6"/><rotate y="1" angle="-80"/><rotate z="1" angle="20"/>"#, "0.2,0.6,0.9"),
+            sheet(r#"<rotate x="1" angle="-90"/><scale value="2"/><translate y="-1.2"/>"#, "0.5"),
+        ]
+        .concat(),
     )
 }
 
@@ -29,13 +26,29 @@ const POINT: &str = r#"<emitter type="point"><point name="position" value="-1.6,
 
 /// The lines that `--wrt` these finds, which nothing refuses.
 fn lines(text: &str, wrt: &[&str]) -> Vec<[DVec3; 2]> {
+    edges(text, wrt).into_iter().map(|e| [e.a, e.b]).collect()
+}
+
+fn edges(text: &str, wrt: &[&str]) -> Vec<Edge> {
     let (desc, sc) = scene(text);
     let p = params(&desc, &sc, wrt);
     job(&sc, 32, 1, Mode::Forward(&p)).refuse().unwrap_or_else(|e| panic!("{e}"));
     let motion = Motion::new(&sc, &sc.sensors[0], &p).unwrap();
     let edges = motion.edges(&sc);
-    let cuts = (0..edges.len()).filter(|&i| edges.is_cut(i)).map(|i| edges.get(&sc, i).edge);
-    cuts.map(|e| [e.a, e.b]).collect()
+    (0..edges.len()).filter(|&i| edges.is_cut(i)).map(|i| edges.get(&sc, i).edge).collect()
+}
+
+fn sheet(place: &str, c: &str) -> String {
+    format!(
+        r#"<shape type="rectangle"><transform name="to_world">{place}<translate x="$x"/></transform><bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="{c}"/></bsdf></bsdf></shape>"#
+    )
+}
+
+fn with(shapes: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="cam" value="0.4"/>
+  <integrator type="path"><integer name="max_depth" value="3"/></integrator>{VIEW}{shapes}{POINT}</scene>"#
+    )
 }
 
 #[test]
@@ -56,7 +69,7 @@ fn faces_meet_in_lines() {
         let corner = |p: &DVec3| ((p.x - 0.3).abs() - 0.5).abs() < 1e-12 && (p.z.abs() - 0.5).abs() < 1e-12;
         assert!(corner(a) && corner(b), "{a} {b}");
     }
-    let text = sheets(POINT);
+    let text = sheets();
     assert_eq!(lines(&text, &["x"]).len(), 1);
     assert_eq!(lines(&text, &["x"]), lines(&text, &["cam"]));
 }
@@ -64,7 +77,7 @@ fn faces_meet_in_lines() {
 /// Sheets that move, and a camera before them.
 #[test]
 fn sheets_through_each_other() {
-    let text = sheets(POINT);
+    let text = sheets();
     against_differences(&text, &[("x", 0.03), ("cam", 0.03)], &["all"], 1 << 13, 0.02);
     // Light from the floor: on either side of the line each sheet hides another part of it.
     let orders = Orders { first: 2, last: 2 };
@@ -79,4 +92,51 @@ fn sheets_through_each_other() {
         ours.value[0],
         fd.value[0]
     );
+}
+
+/// Three sheets of two heights through one axis.
+fn star() -> String {
+    let blade = |angle: i32, height: f64, c: &str| {
+        sheet(&format!(r#"<scale x="0.8" y="{height}"/><rotate y="1" angle="{angle}"/>"#), c)
+    };
+    with(&[blade(10, 1.0, "0.8,0.6,0.2"), blade(70, 1.0, "0.2,0.6,0.9"), blade(130, 0.6, "0.3,0.9,0.2")].concat())
+}
+
+/// A wall of two sheets, one on the other, through a floor right where they meet; the floor ends within the wall.
+fn wall() -> String {
+    let part =
+        |y: f64, c: &str| sheet(&format!(r#"<scale y="0.4"/><translate y="{y}"/><rotate y="1" angle="25"/>"#), c);
+    let floor = sheet(r#"<scale x="0.6"/><rotate x="1" angle="-90"/><rotate y="1" angle="25"/>"#, "0.5,0.3,0.8");
+    with(&[part(0.4, "0.8,0.6,0.2"), part(-0.4, "0.2,0.6,0.9"), floor].concat())
+}
+
+#[test]
+fn lines_in_one_another() {
+    let axis = |text: &str| {
+        let mut e = edges(text, &["x"]);
+        e.sort_by(|a, b| (a.a + a.b).y.total_cmp(&(b.a + b.b).y));
+        e.iter().map(|e| ((e.b - e.a).length(), e.sides.len())).collect::<Vec<_>>()
+    };
+    let near = |found: &[(f64, usize)], expected: &[(f64, usize)]| {
+        let alike = |(a, b): (&(f64, usize), &(f64, usize))| (a.0 - b.0).abs() < 1e-12 && a.1 == b.1;
+        found.len() == expected.len() && found.iter().zip(expected).all(alike)
+    };
+    let found = axis(&star());
+    assert!(near(&found, &[(0.4, 4), (1.2, 6), (0.4, 4)]), "{found:?}");
+    // The seam of the wall, of which the floor's line is a part; the rest of it goes on being an edge.
+    let found = axis(&wall());
+    assert!(near(&found, &[(1.2, 4)]), "{found:?}");
+    // As long as the floor is not there, the wall has a seam and no line.
+    let two = wall().replacen(r#"<scale x="0.6"/>"#, r#"<scale x="0.6"/><translate y="30"/>"#, 1);
+    assert!(axis(&two).is_empty());
+}
+
+#[test]
+fn sheets_through_one_axis() {
+    against_differences(&star(), &[("x", 0.03), ("cam", 0.03)], &["all"], 1 << 13, 0.02);
+}
+
+#[test]
+fn a_wall_through_a_floor_over_a_seam() {
+    against_differences(&wall(), &[("x", 0.03), ("cam", 0.03)], &["all"], 1 << 13, 0.02);
 }
