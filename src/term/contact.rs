@@ -20,9 +20,14 @@ const PLACES: u32 = 24;
 const TOUCHES: f64 = 1e-7;
 const PARTS: f64 = 1e-6;
 
+/// What stands on something may be this far off or in it.
+pub fn reach(scene: &Scene) -> f64 {
+    TOUCHES * scene.bounds.radius()
+}
+
 /// Two shapes (the second a border, perhaps) of which one has an edge in a face of the other, where a parameter moves that edge off the face or into it.
 pub fn find(scene: &Scene, motion: &Motion, params: &ParamSet) -> Option<(u32, u32)> {
-    let reach = TOUCHES * scene.bounds.radius();
+    let reach = reach(scene);
     let edges = motion.edges(scene);
     // Shapes with something near.
     let shapes = &scene.shapes;

@@ -2,10 +2,11 @@
 //! both do, [`super::cuts`] finds them; how any other moves no room knows.
 
 use super::Motion;
+use super::edge_set::Ends;
 use crate::math::{DVec3, warp};
 use crate::scene::{Hit, Scene};
-use crate::shape::Shape;
 use crate::shape::edges::is_flat;
+use crate::shape::{Bounds, Geometry, Shape};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
@@ -63,13 +64,22 @@ pub fn all(scene: &Scene, motion: &Motion, compared: &[bool]) -> Vec<(u32, u32)>
         pairs.filter(|&(a, b)| !told(a, b)).collect::<Vec<_>>()
     };
     let edges = motion.edges(scene);
+    // Of the others, an edge of flat shapes that are compared can only meet round ones.
+    let opaque = |k: &u32| !scene.is_null(&scene.shapes[*k as usize]);
+    let round = (0..scene.shapes.len() as u32).filter(opaque).filter(|&k| !flat(k));
+    let round: Vec<Bounds> = round.map(|k| scene.shapes[k as usize].shape.bounds()).collect();
+    let concerned = |&i: &usize| {
+        let Ends { a, b, .. } = edges.ends(scene, i);
+        let own: Bounds = [a, b].into_iter().collect();
+        edges.any(i, |s| !compared[s as usize]) || round.iter().any(|r| r.gap(&own) == 0.0)
+    };
     let through_edge = |i: usize| {
         let e = edges.get(scene, i);
         through(&e.faces, e.edge.a, e.edge.b)
     };
     let shapes = scene.shapes.len();
     let chosen = edges.spread(shapes, (EDGES / shapes.max(1)).max(OF_A_SHAPE));
-    let mut pairs: Vec<(u32, u32)> = chosen.into_par_iter().flat_map_iter(through_edge).collect();
+    let mut pairs: Vec<(u32, u32)> = chosen.into_par_iter().filter(concerned).flat_map_iter(through_edge).collect();
     for (i, s) in scene.shapes.iter().enumerate().filter(|(_, s)| !scene.is_null(s)) {
         let faces = [(i as u32, Vec::new())];
         let circle = |c: DVec3, x: DVec3, y: DVec3| {

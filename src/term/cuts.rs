@@ -5,14 +5,15 @@
 //! not, it stands there. Lines that lie in one another (three sheets through one axis) are cut into pieces of which each has all faces that meet there.
 
 use super::edge_set::{EdgeSet, SharedEdge};
-use super::{Motion, ends};
+use super::{Motion, contact, ends};
 use crate::math::DVec3;
 use crate::math::nearest::to_segment;
 use crate::scene::Scene;
 use crate::shape::edges::{Edge, FLAT, Side, border, is_flat, with_corners};
 use crate::shape::{Geometry, Shape};
 use rayon::prelude::*;
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
+use std::ops::Deref;
 
 /// A face: shape and number.
 type Face = (u32, u32);
@@ -23,6 +24,11 @@ const FACES: usize = 200_000;
 const CONTACTS: f64 = 2.0;
 /// Rounding of a line in two planes, in scene radii, over the sine of their angle.
 const ROUNDING: f64 = 1e-14;
+/// What faces have in common beside a vertex of both must be longer than this, in scene radii: it may have been welded.
+const WELDED: f64 = 1e-6;
+/// Balls that look for what is near a face are no larger than this, in scene radii, but for faces that need more than `CELLS` in one direction.
+const BALL: f64 = 1.0 / 64.0;
+const CELLS: f64 = 64.0;
 
 /// What two faces have in common.
 #[derive(Clone, Copy, Debug)]
@@ -31,12 +37,14 @@ pub struct Meeting {
     ends: [DVec3; 2],
     /// Whether that is a part of the first face's border, which the second goes on beyond.
     on_border: bool,
+    /// Whether the faces reach further through each other than bodies that stand on each other may, by rounding.
+    deep: bool,
 }
 
 /// How flat faces pass through each other.
 #[derive(Clone, Debug, Default)]
 pub struct Cuts {
-    /// Pairs of shapes, or twice the same.
+    /// Pairs of shapes, or twice the same, that pass through each other by more than rounding.
     pub pairs: Vec<(u32, u32)>,
     /// In faces that move alike: pieces of lines, with all faces that they are in.
     lines: Vec<Line>,
@@ -88,17 +96,24 @@ impl Cuts {
         let asked: Vec<Face> = (0..of.len()).filter(|&i| of[i]).flat_map(faces).collect();
         let beside = |&face: &Face| faces_beside(scene, face, of).into_iter().filter_map(|f| meeting(scene, f));
         let all: Vec<Meeting> = asked.par_iter().flat_map_iter(beside).collect();
-        let (on_borders, mut met): (Vec<_>, Vec<_>) = all.into_iter().partition(|m| m.on_border);
-        let straight = |m: &&Meeting| are_straight(scene, motion, m.faces.map(|f| f.0));
+        let (on_borders, met): (Vec<_>, Vec<_>) = all.into_iter().partition(|m| m.on_border);
+        let pair = |a: u32, b: u32| (a.min(b), a.max(b));
+        let mut pairs: Vec<_> = met.iter().filter(|m| m.deep).map(|m| pair(m.faces[0].0, m.faces[1].0)).collect();
+        let straight = |m: &Meeting| are_straight(scene, motion, m.faces.map(|f| f.0));
         let across = |f: Face| (f, Extent::Across);
         let mut lines: Vec<Line> = Vec::new();
-        lines.extend(met.iter().filter(straight).map(|m| Line { ends: m.ends, sides: m.faces.map(across).to_vec() }));
-        let seams = through_edges(scene, edges, &on_borders);
-        met.extend(seams.iter().map(|s| s.1));
+        lines.extend(
+            met.iter().filter(|m| straight(m)).map(|m| Line { ends: m.ends, sides: m.faces.map(across).to_vec() }),
+        );
         let mut replaced = Vec::new();
-        for (i, m) in seams.iter().filter(|s| straight(&&s.1)) {
-            replaced.push(*i);
-            lines.push(Line { ends: m.ends, sides: vec![across(m.faces[1])] });
+        for (i, m) in through_edges(scene, edges, &on_borders) {
+            if m.deep {
+                pairs.extend(edges.get(scene, i).faces.iter().map(|f| pair(f.0, m.faces[1].0)));
+            }
+            if straight(&m) {
+                replaced.push(i);
+                lines.push(Line { ends: m.ends, sides: vec![across(m.faces[1])] });
+            }
         }
         replaced.dedup();
         lines.extend(replaced.iter().map(|&i| {
@@ -106,8 +121,6 @@ impl Cuts {
             let sides = e.sides().map(|(s, f, corner)| ((s, f), Extent::Toward(corner))).collect();
             Line { ends: [e.edge.a, e.edge.b], sides }
         }));
-        let pair = |m: &Meeting| (m.faces[0].0.min(m.faces[1].0), m.faces[0].0.max(m.faces[1].0));
-        let mut pairs: Vec<(u32, u32)> = met.iter().map(pair).collect();
         pairs.sort_unstable();
         pairs.dedup();
         Cuts { pairs, lines: pieces(scene, lines), replaced }
@@ -130,53 +143,136 @@ impl Cuts {
     }
 }
 
-/// Pairs of a face with others that may meet it, and do not ask themselves.
-fn faces_beside(scene: &Scene, face: Face, of: &[bool]) -> Vec<[Face; 2]> {
-    let around = |face: Face| {
-        polygon(scene, face, |corners| {
-            let c = corners.iter().sum::<DVec3>() / corners.len() as f64;
-            (c, corners.iter().map(|p| p.distance(c)).fold(0.0, f64::max))
-        })
-    };
-    let Some((c, r)) = around(face) else { return Vec::new() };
-    // Of two that are both asked, the smaller one asks.
-    let pair = |other: Face| {
-        let (_, size) = around(other)?;
-        let asks = !of[other.0 as usize] || (r, face) < (size, other);
-        asks.then(|| [face.min(other), face.max(other)])
-    };
-    let near = scene.opaque.faces_within(&scene.shapes, c, r + ends::contact(scene));
-    near.into_iter().filter_map(|n| pair((n.shape, n.face))).collect()
+/// The corners of a flat face that has an area.
+#[derive(Clone, Copy)]
+struct Polygon {
+    corners: [DVec3; 4],
+    len: usize,
 }
 
-/// Of the corners of a flat face that has an area.
-fn polygon<R>(scene: &Scene, (s, f): Face, of: impl FnOnce(&[DVec3]) -> R) -> Option<R> {
-    match &scene.shapes[s as usize].shape {
-        Shape::Mesh(m) if m.is_degenerate(f) => None,
-        shape => with_corners(shape, f, of),
+impl Polygon {
+    fn new(scene: &Scene, (s, f): Face) -> Option<Polygon> {
+        match &scene.shapes[s as usize].shape {
+            Shape::Mesh(m) if m.is_degenerate(f) => None,
+            shape => with_corners(shape, f, |p| {
+                let mut corners = [p[0]; 4];
+                corners[..p.len()].copy_from_slice(p);
+                Polygon { corners, len: p.len() }
+            }),
+        }
+    }
+
+    fn normal(&self) -> DVec3 {
+        (self[1] - self[0]).cross(self[2] - self[0]).normalize()
+    }
+
+    fn size(&self) -> f64 {
+        let c = self.iter().sum::<DVec3>() / self.len as f64;
+        self.iter().map(|p| p.distance(c)).fold(0.0, f64::max)
+    }
+
+    /// Balls, of radius `radius` if these are not too many, in which the face lies.
+    fn balls(&self, radius: f64) -> impl Iterator<Item = (DVec3, f64)> + use<> {
+        let (o, u) = (self[0], (self[1] - self[0]).normalize());
+        let v = self.normal().cross(u);
+        let range = |axis: DVec3| {
+            let along = self.iter().map(|p| axis.dot(*p - o));
+            let (lo, hi) = along.fold((0.0, 0.0), |(lo, hi): (f64, f64), x| (lo.min(x), hi.max(x)));
+            let cells = ((hi - lo) / radius).ceil().clamp(1.0, CELLS);
+            (lo, (hi - lo) / cells, cells as u32)
+        };
+        let ((u0, du, nu), (v0, dv, nv)) = (range(u), range(v));
+        let at = move |lo: f64, step: f64, k: u32| lo + (f64::from(k) + 0.5) * step;
+        let cell = move |i: u32, j: u32| (o + u * at(u0, du, i) + v * at(v0, dv, j), 0.5 * du.hypot(dv));
+        (0..nu).flat_map(move |i| (0..nv).map(move |j| cell(i, j)))
+    }
+
+    /// Least and largest of the heights of the corners over a plane.
+    fn heights(&self, o: DVec3, n: DVec3) -> [f64; 2] {
+        let heights = self.iter().map(|p| n.dot(*p - o));
+        heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], h| [lo.min(h), hi.max(h)])
+    }
+}
+
+impl Deref for Polygon {
+    type Target = [DVec3];
+
+    fn deref(&self) -> &[DVec3] {
+        &self.corners[..self.len]
+    }
+}
+
+/// Pairs of a face with others that may meet it, and do not ask themselves.
+fn faces_beside(scene: &Scene, face: Face, of: &[bool]) -> Vec<[Face; 2]> {
+    let Some(own) = Polygon::new(scene, face) else { return Vec::new() };
+    let size = own.size();
+    // Of two that are both asked, the smaller one asks.
+    let asks = |other: Face| {
+        let smaller = |p: Polygon| (size, face) < (p.size(), other);
+        !of[other.0 as usize] || Polygon::new(scene, other).is_some_and(smaller)
+    };
+    let contact = ends::contact(scene);
+    let mut pairs = Vec::new();
+    for (c, r) in own.balls(BALL * scene.bounds.radius()) {
+        let near = scene.opaque.faces_within(&scene.shapes, c, r + contact);
+        let others = near.into_iter().map(|n| (n.shape, n.face)).filter(|&f| f != face && asks(f));
+        pairs.extend(others.map(|other| [face.min(other), face.max(other)]));
+    }
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
+}
+
+/// How many vertices two faces of one mesh share.
+fn shared_vertices(scene: &Scene, [a, b]: [Face; 2]) -> usize {
+    match &scene.shapes[a.0 as usize].shape {
+        Shape::Mesh(m) if a.0 == b.0 => {
+            let of = |f: Face| m.faces[f.1 as usize].map(|v| m.topology().weld[v as usize]);
+            of(a).iter().filter(|v| of(b).contains(v)).count()
+        }
+        _ => 0,
     }
 }
 
 /// What two faces have in common, if one goes on there.
 fn meeting(scene: &Scene, faces: [Face; 2]) -> Option<Meeting> {
-    let corners = |f| polygon(scene, f, <[DVec3]>::to_vec);
-    let polygons = [corners(faces[0])?, corners(faces[1])?];
-    let normals = polygons.each_ref().map(|p| (p[1] - p[0]).cross(p[2] - p[0]).normalize());
+    let polygons = [Polygon::new(scene, faces[0])?, Polygon::new(scene, faces[1])?];
+    let contact = CONTACTS * ends::contact(scene);
+    let [p, q] = &polygons;
+    let apart = |axis: usize| {
+        let range = |p: &Polygon| {
+            p.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| [l.min(x[axis]), h.max(x[axis])])
+        };
+        let ([p0, p1], [q0, q1]) = (range(p), range(q));
+        p0 > q1 + contact || q0 > p1 + contact
+    };
+    if (0..3).any(apart) {
+        return None;
+    }
+    let normals = [p.normal(), q.normal()];
+    let heights = [p.heights(q[0], normals[1]), q.heights(p[0], normals[0])];
+    if heights.iter().any(|[lo, hi]| *lo > contact || *hi < -contact) {
+        return None;
+    }
     let d = normals[0].cross(normals[1]);
     let sin = d.length();
     if sin.is_nan() || sin <= FLAT {
         return None;
     }
     let d = d / sin;
-    let least = CONTACTS * ends::contact(scene) + ROUNDING * scene.bounds.radius() / sin;
+    let radius = scene.bounds.radius();
+    let least = match shared_vertices(scene, faces) {
+        0 => contact + ROUNDING * radius / sin,
+        1 => WELDED * radius,
+        _ => return None,
+    };
     // Faces of one edge have nothing else in common.
-    let shared = |p: &&DVec3| polygons[1].iter().any(|q| q.distance(**p) <= least);
-    if polygons[0].iter().filter(shared).count() > 1 {
+    let same = |[a, b]: [DVec3; 2], [c, d]: [DVec3; 2]| a.distance(c) <= least && b.distance(d) <= least;
+    if border(p).any(|e| border(q).any(|g| same(e, g) || same(e, [g[1], g[0]]))) {
         return None;
     }
     // The point of both planes next to a corner of the first face.
-    let (p, q) = (polygons[0][0], polygons[1][0]);
-    let o = p + normals[0].cross(d) * (normals[1].dot(q - p) / normals[1].dot(normals[0].cross(d)));
+    let o = p[0] + normals[0].cross(d) * (normals[1].dot(q[0] - p[0]) / normals[1].dot(normals[0].cross(d)));
     let (mut t0, mut t1) = (f64::NEG_INFINITY, f64::INFINITY);
     for (polygon, n) in polygons.iter().zip(normals) {
         let [s0, s1] = clip(polygon, n, o, d, least)?;
@@ -187,11 +283,20 @@ fn meeting(scene: &Scene, faces: [Face; 2]) -> Option<Meeting> {
     }
     let ends = [o + d * t0, o + d * t1];
     let middle = 0.5 * (ends[0] + ends[1]);
-    let on_border = polygons.each_ref().map(|p| border(p).any(|[a, b]| to_segment(middle, a, b) <= least));
-    match on_border {
+    let off =
+        polygons.each_ref().map(|p| border(p).map(|[a, b]| to_segment(middle, a, b)).fold(f64::INFINITY, f64::min));
+    let depth = contact::reach(scene);
+    let through = || heights.iter().all(|[lo, hi]| *lo < -depth && *hi > depth);
+    match off.map(|off| off <= least) {
         [true, true] => None,
-        [false, true] => Some(Meeting { faces: [faces[1], faces[0]], ends, on_border: true }),
-        [first, _] => Some(Meeting { faces, ends, on_border: first }),
+        [false, false] => {
+            let deep = off.iter().all(|off| *off > depth) && through();
+            Some(Meeting { faces, ends, on_border: false, deep })
+        }
+        [first, _] => {
+            let k = usize::from(first);
+            Some(Meeting { faces: [faces[1 - k], faces[k]], ends, on_border: true, deep: off[k] > depth })
+        }
     }
 }
 
@@ -213,7 +318,7 @@ fn clip(polygon: &[DVec3], n: DVec3, o: DVec3, d: DVec3, slack: f64) -> Option<[
     (t0 < t1).then_some([t0, t1])
 }
 
-/// Edges, in order, with what they have in common with a face that they pass through: all of those that lie in it and have sides on either side of it.
+/// Edges, in order, with what they have in common with faces in which they lie: where their sides are on either side of one, or where two such faces pass through each other.
 fn through_edges(scene: &Scene, edges: &EdgeSet, on_borders: &[Meeting]) -> Vec<(usize, Meeting)> {
     if on_borders.is_empty() {
         return Vec::new();
@@ -221,24 +326,32 @@ fn through_edges(scene: &Scene, edges: &EdgeSet, on_borders: &[Meeting]) -> Vec<
     let slack = 2.0 * CONTACTS * ends::contact(scene);
     let mut by_face: HashMap<Face, Vec<&Meeting>> = HashMap::new();
     on_borders.iter().for_each(|m| by_face.entry(m.faces[0]).or_default().push(m));
-    let shapes: HashSet<u32> = by_face.keys().map(|f| f.0).collect();
+    let normal = |m: &Meeting| {
+        let (shape, face) = m.faces[1];
+        scene.shapes[shape as usize].shape.normal(face, m.ends[0])
+    };
     let of_edge = |i: usize| {
         let e = edges.get(scene, i);
-        let mut found: Vec<(usize, Meeting)> = Vec::new();
+        let through = |m: &Meeting, depth: f64| {
+            let n = normal(m);
+            let heights = || e.sides().map(|s| n.dot(s.2 - m.ends[0]));
+            heights().any(|h| h > depth) && heights().any(|h| h < -depth)
+        };
+        let mut met: Vec<Meeting> = Vec::new();
         for m in e.sides().filter_map(|(s, f, _)| by_face.get(&(s, f))).flatten() {
             let lies_in = |p: &DVec3| to_segment(*p, e.edge.a, e.edge.b) <= slack;
-            if found.iter().any(|(_, other)| other.faces[1] == m.faces[1]) || !m.ends.iter().all(lies_in) {
-                continue;
-            }
-            let n = scene.shapes[m.faces[1].0 as usize].shape.normal(m.faces[1].1, m.ends[0]);
-            let heights = || e.sides().map(|s| n.dot(s.2 - m.ends[0]));
-            if heights().any(|h| h > slack) && heights().any(|h| h < -slack) {
-                found.push((i, **m));
+            if m.ends.iter().all(lies_in) && met.iter().all(|other| other.faces[1] != m.faces[1]) {
+                met.push(**m);
             }
         }
-        found
+        let other = |m: &Meeting| met.iter().any(|k| normal(k).cross(normal(m)).length() > FLAT);
+        let counts = met.iter().any(|m| through(m, slack) || other(m));
+        let depth = contact::reach(scene);
+        let kept: Vec<(usize, Meeting)> =
+            met.iter().map(|m| (i, Meeting { deep: m.deep && through(m, depth), ..*m })).collect();
+        if counts { kept } else { Vec::new() }
     };
-    let concerned = |&i: &usize| edges.any(i, |s| shapes.contains(&s));
+    let concerned = |&i: &usize| edges.any_face(i, |face| by_face.contains_key(&face));
     (0..edges.len()).into_par_iter().filter(concerned).flat_map_iter(of_edge).collect()
 }
 
@@ -250,8 +363,8 @@ fn pieces(scene: &Scene, lines: Vec<Line>) -> Vec<Line> {
     by_distance.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut groups: Vec<(f64, Vec<Line>)> = Vec::new();
     for (distance, line) in by_distance {
-        let near = groups.iter_mut().rev().take_while(|g| distance - g.0 <= slack);
-        match near.filter(|g| g.1[0].is_on(&line, slack)).last() {
+        let mut near = groups.iter_mut().rev().take_while(|g| distance - g.0 <= slack);
+        match near.find(|g| g.1.iter().all(|l| l.is_on(&line, slack))) {
             Some(group) => group.1.push(line),
             None => groups.push((distance, vec![line])),
         }

@@ -166,6 +166,14 @@ impl EdgeSet {
         }
     }
 
+    /// Whether any of the faces (shape, face) of an edge is one of these.
+    pub fn any_face(&self, i: usize, of: impl Fn((u32, u32)) -> bool) -> bool {
+        match self.pairs.get(i) {
+            Some(p) => p.halves.iter().filter(|&&h| h != Half::NONE).any(|h| of((p.shape, h.face()))),
+            None => self.shared[i - self.pairs.len()].sides().any(|(shape, face, _)| of((shape, face))),
+        }
+    }
+
     /// Where an edge is, and the corners of its faces where it has two, at no cost.
     pub fn ends(&self, scene: &Scene, i: usize) -> Ends {
         let Some(pair) = self.pairs.get(i) else {

@@ -40,13 +40,13 @@ fn edges(text: &str, wrt: &[&str]) -> Vec<Edge> {
 
 fn sheet(place: &str, c: &str) -> String {
     format!(
-        r#"<shape type="rectangle"><transform name="to_world">{place}<translate x="$x"/></transform><bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="{c}"/></bsdf></bsdf></shape>"#
+        r#"<shape type="rectangle"><transform name="to_world">{place}<translate x="$x" y="$y"/></transform><bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="{c}"/></bsdf></bsdf></shape>"#
     )
 }
 
 fn with(shapes: &str) -> String {
     format!(
-        r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="cam" value="0.4"/>
+        r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="y" value="0"/><default name="cam" value="0.4"/>
   <integrator type="path"><integer name="max_depth" value="3"/></integrator>{VIEW}{shapes}{POINT}</scene>"#
     )
 }
@@ -99,7 +99,7 @@ fn star() -> String {
     let blade = |angle: i32, height: f64, c: &str| {
         sheet(&format!(r#"<scale x="0.8" y="{height}"/><rotate y="1" angle="{angle}"/>"#), c)
     };
-    with(&[blade(10, 1.0, "0.8,0.6,0.2"), blade(70, 1.0, "0.2,0.6,0.9"), blade(130, 0.6, "0.3,0.9,0.2")].concat())
+    with(&[blade(50, 1.0, "0.8,0.6,0.2"), blade(110, 1.0, "0.2,0.6,0.9"), blade(170, 0.6, "0.3,0.9,0.2")].concat())
 }
 
 /// A wall of two sheets, one on the other, through a floor right where they meet; the floor ends within the wall.
@@ -133,10 +133,94 @@ fn lines_in_one_another() {
 
 #[test]
 fn sheets_through_one_axis() {
-    against_differences(&star(), &[("x", 0.03), ("cam", 0.03)], &["all"], 1 << 13, 0.02);
+    against_differences(&star(), &[("x", 0.02)], &["all"], 1 << 12, 0.02);
 }
 
 #[test]
 fn a_wall_through_a_floor_over_a_seam() {
-    against_differences(&wall(), &[("x", 0.03), ("cam", 0.03)], &["all"], 1 << 13, 0.02);
+    against_differences(&wall(), &[("y", 0.02)], &["all"], 1 << 12, 0.02);
+}
+
+/// To points beside a corner of the floor the line where both walls pass through each other is a border: light from the hidden parts behind it does not come along.
+#[test]
+fn light_beside_a_line() {
+    let wall = |angle: i32, c: &str| sheet(&format!(r#"<rotate y="1" angle="{angle}"/>"#), c);
+    let floor = sheet(r#"<rotate x="1" angle="-90"/><scale value="3"/><translate y="-1"/>"#, "0.5");
+    let text = with(&[wall(-60, "0.8,0.6,0.2"), wall(30, "0.2,0.6,0.9"), floor].concat())
+        .replace(r#"value="34""#, r#"value="8""#)
+        .replace(r#"origin="$cam, 0.9, 4" target="0, 0, 0""#, r#"origin="$cam, 1.2, 4" target="0.04, -1, 0.25""#);
+    let orders = Orders { first: 2, last: 2 };
+    let ours = &forward_of(&text, orders, &["x"], &["all"], 1 << 15)[1];
+    let fd = difference(&text, orders, "x", 0.02, 1 << 16);
+    let se = ours.error[0].hypot(fd.error[0]);
+    println!("{} +- {}, differences {} +- {}", ours.value[0], ours.error[0], fd.value[0], fd.error[0]);
+    // Without the border it is 0.003 off.
+    assert!(
+        (ours.value[0] - fd.value[0]).abs() <= 4.5 * se && se <= 3.5e-4,
+        "{} {} +- {se}",
+        ours.value[0],
+        fd.value[0]
+    );
+}
+
+/// A sheet that ends in the line of two others, faces with common corners, and what only stands on something.
+#[test]
+fn all_faces_are_told() {
+    let count = |shapes: &[String]| {
+        let mut n: Vec<usize> = edges(&with(&shapes.concat()), &["x"]).iter().map(|e| e.sides.len()).collect();
+        n.sort_unstable();
+        n
+    };
+    let blade = |angle: i32| sheet(&format!(r#"<rotate y="1" angle="{angle}"/>"#), "0.5");
+    let half = sheet(r#"<translate x="1"/><scale x="0.5" y="0.5"/><rotate y="1" angle="130"/>"#, "0.5");
+    assert_eq!(count(&[blade(10), blade(70)]), [4]);
+    assert_eq!(count(&[blade(10), blade(70), half.clone()]), [4, 4, 5]);
+    assert_eq!(count(&[blade(10), half]), [0; 0]);
+    let leaf = |angle: i32| sheet(&format!(r#"<rotate x="1" y="1" angle="{angle}"/>"#), "0.5");
+    assert_eq!(count(&[leaf(0), leaf(70)]), [4]);
+
+    let refused = |text: &str, wrt: &str| {
+        let (desc, sc) = scene(text);
+        let p = params(&desc, &sc, &[wrt]);
+        job(&sc, 32, 1, Mode::Forward(&p)).refuse().err().map(|e| e.to_string())
+    };
+    // What stands on a floor but for rounding may slide over it, not so what is sunk into it.
+    let block = |depth: f64| {
+        let block = format!(
+            r#"<shape type="cube"><transform name="to_world"><scale value="0.4"/><translate x="$x" y="{}"/></transform><bsdf type="diffuse"/></shape>"#,
+            0.4 - depth
+        );
+        with(
+            &(block
+                + r#"<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/></transform><bsdf type="diffuse"/></shape>"#),
+        )
+    };
+    assert_eq!(refused(&block(2e-8), "x"), None);
+    assert!(refused(&block(1e-5), "x").is_some_and(|e| e.contains("pass through each other")));
+}
+
+/// Meshes: one that passes through itself, and one whose faces have corners that are equal but for rounding.
+#[test]
+fn faces_of_one_mesh() {
+    let dir = tempfile::tempdir().unwrap();
+    let lines_of = |obj: &str| {
+        let path = dir.path().join("m.obj");
+        std::fs::write(&path, obj).unwrap();
+        let mesh = format!(
+            r#"<shape type="obj"><string name="filename" value="{}"/><transform name="to_world"><translate x="$x"/></transform><bsdf type="diffuse"/></shape>"#,
+            path.display()
+        );
+        lines(&with(&mesh), &["x"])
+    };
+    let crossed = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nv 0.2 -1 -1\nv 0.2 -1 1\nv 0.2 1 1\nv 0.2 1 -1\nf 1 2 3\nf 1 3 4\nf 5 6 7\nf 5 7 8\n";
+    let found = lines_of(crossed);
+    let length: f64 = found.iter().map(|[a, b]| (*b - *a).length()).sum();
+    assert!((length - 2.0).abs() < 1e-12, "{found:?}");
+    // A roof of two slopes: the second has the ridge 1e-7 lower, or higher.
+    for off in ["0.9999999", "1.0000001"] {
+        let roof = format!(
+            "v -1 0 1\nv 1 0 1\nv 1 1 0\nv -1 1 0\nv 1 0 -1\nv -1 0 -1\nv -1 {off} 0\nv 1 {off} 0\nf 1 2 3\nf 1 3 4\nf 5 6 7\nf 5 7 8\n"
+        );
+        assert!(lines_of(&roof).is_empty());
+    }
 }
