@@ -1,6 +1,7 @@
 //! The ends of a segment that grazes an edge: what light leaves the far one, by number of scatterings, and how either moves.
 
 use super::Context;
+use super::outline::Faces;
 use super::sheet::{Grazed, Partials};
 use crate::math::equiangular::EquiAngular;
 use crate::math::rng::Rng;
@@ -345,13 +346,71 @@ pub fn material(scene: &Scene, grazed: Grazed, p: DVec3, c: DVec3, out: &mut Par
 const OFF_THE_EDGE: f64 = 1e-4;
 const OF_THE_WAY: f64 = 1e-2;
 
+/// Faces (shape, face) in which the point of an outline at this distance on a ray lies, besides those grazed: it stands on them, or is hidden right behind. `None` if the ray ends before.
+pub fn touched(scene: &Scene, o: DVec3, w: DVec3, distance: f64, grazed: Grazed) -> Option<Vec<(u32, u32)>> {
+    let contact = contact(scene);
+    let next = |past: Grazed| scene.opaque_past(o, w, distance + contact, past);
+    let Some(mut hit) = next(grazed) else { return Some(Vec::new()) };
+    let (mut past, mut found) = (grazed.to_vec(), Vec::new());
+    loop {
+        if hit.t < distance - contact {
+            return None;
+        }
+        // One that comes again is hit in another place of it.
+        let face = (hit.shape, hit.face);
+        if found.contains(&face) {
+            return Some(found);
+        }
+        found.push(face);
+        match past.iter_mut().find(|p| p.0 == hit.shape) {
+            Some(p) => p.1.push(hit.face),
+            None => past.push((hit.shape, vec![hit.face])),
+        }
+        let Some(other) = next(&past) else { return Some(found) };
+        hit = other;
+    }
+}
+
+/// Slope between faces, along a ray, that counts as none.
+const LEVEL: f64 = 1e-9;
+
+/// The faces at the point e of an outline that lies in others, on either side: its own with these, or these alone where they are in front. `None` where one of these hides both sides. n:
+/// across the ray w, toward the lit side.
+pub fn with_touched(
+    scene: &Scene,
+    faces: &Faces,
+    touched: &[(u32, u32)],
+    e: DVec3,
+    w: DVec3,
+    n: DVec3,
+) -> Option<Faces> {
+    let side = |own: &[(u32, u32)], n: DVec3| {
+        let reaches = |&(shape, face): &(u32, u32)| {
+            let shape = &scene.shapes[shape as usize].shape;
+            to_border(shape, face, e) > contact(scene) || n.dot(shape.position(face, DVec2::splat(0.5)) - e) > 0.0
+        };
+        let mut there: Vec<(u32, u32)> = touched.iter().copied().filter(reaches).collect();
+        let slope = |f: &(u32, u32)| depth(scene, *f, e, w, n);
+        there.sort_by(|a, b| slope(a).total_cmp(&slope(b)));
+        let nearest = own.iter().map(slope).fold(f64::INFINITY, f64::min) + LEVEL;
+        let first = there.first().copied().filter(|f| slope(f) <= nearest);
+        let own = if first.is_some() { &[] } else { own };
+        ([own, &there].concat(), first)
+    };
+    let ((lit, before), (own, behind)) = (side(&faces.lit, n), side(&faces.own, -n));
+    (before.is_none() || before != behind).then_some(Faces { lit, own })
+}
+
+/// How much further away than e a face through e is met by a ray along w, a unit aside along n.
+fn depth(scene: &Scene, (shape, face): (u32, u32), e: DVec3, w: DVec3, n: DVec3) -> f64 {
+    let m = scene.shapes[shape as usize].shape.normal(face, e);
+    -m.dot(n) / m.dot(w)
+}
+
 /// Of faces (shape, face) on one side of an outline, the one that a ray along w sees first when it passes the point e a little off the side
 /// that n points to. `beyond`: those on the other side; a face in both goes on through the edge.
 pub fn front(scene: &Scene, faces: &[(u32, u32)], beyond: &[(u32, u32)], e: DVec3, w: DVec3, n: DVec3) -> Option<Hit> {
-    let depth = |&(shape, face): &(u32, u32)| {
-        let m = scene.shapes[shape as usize].shape.normal(face, e);
-        -m.dot(n) / m.dot(w)
-    };
+    let depth = |f: &(u32, u32)| depth(scene, *f, e, w, n);
     let &(shape, face) = faces.iter().min_by(|a, b| depth(a).total_cmp(&depth(b)))?;
     // On the very edge rays would start on its other face, too.
     let toward = |middle: DVec3| {

@@ -15,6 +15,7 @@ use crate::scene::Scene;
 use crate::sensor::Sensor;
 use crate::transport::line::Line;
 use crate::transport::walk::Stage;
+use std::borrow::Cow;
 
 pub const NAME: &str = "pixel_edge";
 
@@ -51,16 +52,17 @@ impl Room for PixelEdge {
         let Some((ray, grazed, faces)) = self.outlines.sample(lead[0]) else { return };
         let e = ray.at(ray.near);
         let Some(q) = cx.sensor.project(e).filter(|q| cx.on_film(q.film)) else { return };
-        let contact = ends::contact(scene);
-        if scene.blocked_past(q.o, q.w, q.distance - contact, grazed) {
-            return;
-        }
+        let Some(touched) = ends::touched(scene, q.o, q.w, q.distance, grazed) else { return };
+        let faces = match touched.is_empty() {
+            true => faces,
+            false => match ends::with_touched(scene, &faces, &touched, e, q.w, ray.n) {
+                Some(faces) => Cow::Owned(faces),
+                None => return,
+            },
+        };
         let Some(own) = ends::front(scene, &faces.own, &faces.lit, e, q.w, -ray.n) else { return };
         let lit = match faces.lit.is_empty() {
-            true => scene.opaque_past(q.o, q.w, f64::INFINITY, grazed).map(|h| {
-                // The outline may stand on what is behind it.
-                if h.t < q.distance + contact { ends::beside(scene, &h, ray.n) } else { h }
-            }),
+            true => scene.opaque_past(q.o, q.w, f64::INFINITY, grazed),
             false => ends::front(scene, &faces.lit, &faces.own, e, q.w, ray.n),
         };
         // A curved face is seen edge on: rounding must not decide from which side.

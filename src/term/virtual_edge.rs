@@ -16,6 +16,7 @@ use super::edge_set::{EdgeSet, SharedEdge};
 use super::ends::{self, Point};
 use super::grazing_line::{Curve, seen_on};
 use super::known_chains::KnownChains;
+use super::outline::Faces;
 use super::seen_path::{Path, Vertex};
 use super::sheet::Partials;
 use super::shot::{self, Drawn, Eye, Place, Shot, Start};
@@ -32,6 +33,7 @@ use crate::surface::Surface;
 use crate::transport::first::FilmLine;
 use crate::transport::ray::MovingRay;
 use crate::transport::walk::Stage;
+use std::borrow::Cow;
 use std::cell::Cell;
 use std::sync::Arc;
 
@@ -60,8 +62,7 @@ struct Facing {
     /// Of the angle between the ray and the edge.
     sin: f64,
     /// Faces (shape, face) on either side; none on the lit one of a silhouette.
-    own: Vec<(u32, u32)>,
-    lit: Vec<(u32, u32)>,
+    faces: Faces,
 }
 
 impl Facing {
@@ -77,11 +78,15 @@ impl Facing {
         };
         let side = e.edge.covered_side(normal);
         if side != 0.0 {
-            return Some(Facing { n: normal * (-side / sin), sin, own: on(&|_| true), lit: Vec::new() });
+            return Some(Facing {
+                n: normal * (-side / sin),
+                sin,
+                faces: Faces { own: on(&|_| true), lit: Vec::new() },
+            });
         }
         let (own, lit) = (on(&|d| d < 0.0), on(&|d| d > 0.0));
         let parts = !own.is_empty() && !lit.is_empty() && parts(scene, e);
-        parts.then_some(Facing { n: normal / sin, sin, own, lit })
+        parts.then_some(Facing { n: normal / sin, sin, faces: Faces { own, lit } })
     }
 }
 
@@ -393,15 +398,22 @@ impl VirtualEdge {
     ) -> Option<Jump> {
         let (scene, w, n) = (cx.scene, shot.w, facing.n);
         let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
-        let own = ends::front(scene, &facing.own, &facing.lit, b, w, -n)?;
+        // The shot is clear; where it begins an interface may be.
+        let half = 0.5 * shot.distance;
+        let touched = ends::touched(scene, b - w * half, w, half, grazed)?;
+        let faces = match touched.is_empty() {
+            true => Cow::Borrowed(&facing.faces),
+            false => Cow::Owned(ends::with_touched(scene, &facing.faces, &touched, b, w, n)?),
+        };
+        let own = ends::front(scene, &faces.own, &faces.lit, b, w, -n)?;
         let mut jump = Jump { held: Rgb::ZERO, ends: None };
         let face = |cx: &mut Context, h: Hit| match straight && !is_smooth(scene, h.shape) {
             true => Rgb::ZERO,
             false => ends::radiance(cx, b, w, Stage::Surface(h), shot.medium, false, stream).shown(cx.set, more),
         };
         jump.held = -face(cx, own);
-        if !facing.lit.is_empty() {
-            let lit = ends::front(scene, &facing.lit, &facing.own, b, w, n)?;
+        if !faces.lit.is_empty() {
+            let lit = ends::front(scene, &faces.lit, &faces.own, b, w, n)?;
             jump.held += face(cx, lit);
             return Some(jump);
         }

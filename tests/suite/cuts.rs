@@ -224,3 +224,22 @@ fn faces_of_one_mesh() {
         assert!(lines_of(&roof).is_empty());
     }
 }
+
+/// What stands on the far side of a sheet is not seen, edge on or not.
+#[test]
+fn behind_a_sheet() {
+    let front = sheet("", "0.8,0.6,0.2");
+    let shelf = r#"<rotate x="1" angle="-90"/><translate z="-1"/><scale x="0.7"/>"#;
+    let ridge = r#"<scale x="0.5" y="0.5"/><translate y="0.5"/>"#;
+    let slope = |angle: i32| sheet(&format!(r#"{ridge}<rotate x="1" angle="{angle}"/>"#), "0.2,0.6,0.9");
+    let orders = Orders { first: 1, last: 1 };
+    let of = |shapes: &str| forward_of(&with(shapes), orders, &["y", "cam"], &["all"], 1 << 12).split_off(1);
+    let alone = of(&front);
+    for (name, behind) in [("shelf", sheet(shelf, "0.2,0.6,0.9")), ("ridge", slope(-60) + &slope(-130))] {
+        for (k, (a, b)) in alone.iter().zip(of(&format!("{front}{behind}"))).enumerate() {
+            let se = a.error[0].hypot(b.error[0]);
+            println!("{name} {k}: {} {} +- {se}", a.value[0], b.value[0]);
+            assert!((a.value[0] - b.value[0]).abs() <= 4.5 * se && se <= 0.02 * a.value[0].abs(), "{name} {k}");
+        }
+    }
+}
