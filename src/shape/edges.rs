@@ -122,7 +122,11 @@ const IN_PLANE: f64 = 1e-9;
 
 /// The same without edges that lie in the plane through `p` with this normal.
 pub fn to_border_off(shape: &Shape, face: u32, p: DVec3, plane: Option<DVec3>) -> f64 {
-    let polygon = |corners: &[DVec3]| to_lines_off(border(corners), p, plane);
+    let counts = |e: &[DVec3; 2]| plane.is_none_or(|n| !e.iter().all(|y| lies_in_plane(*y, p, n)));
+    let polygon = |corners: &[DVec3]| {
+        let lines = border(corners).filter(counts);
+        lines.map(|[a, b]| to_segment(p, a, b)).fold(f64::INFINITY, f64::min)
+    };
     match shape {
         Shape::Disk(d) => d.to_rim(p),
         Shape::Cylinder(c) => c.to_rims(p),
@@ -130,11 +134,14 @@ pub fn to_border_off(shape: &Shape, face: u32, p: DVec3, plane: Option<DVec3>) -
     }
 }
 
-/// Distance from `p` to the nearest of these lines that does not lie in the plane through `p` with this normal.
-pub fn to_lines_off(lines: impl Iterator<Item = [DVec3; 2]>, p: DVec3, plane: Option<DVec3>) -> f64 {
-    let lies_in = |y: DVec3| plane.is_some_and(|n| n.dot(y - p).abs() <= IN_PLANE * (y - p).length());
-    let counts = lines.filter(|e| !e.iter().all(|y| lies_in(*y)));
-    counts.map(|[a, b]| to_segment(p, a, b)).fold(f64::INFINITY, f64::min)
+/// Whether `y` lies in the plane through `p` with this normal.
+pub fn lies_in_plane(y: DVec3, p: DVec3, normal: DVec3) -> bool {
+    normal.dot(y - p).abs() <= IN_PLANE * (y - p).length()
+}
+
+/// Whether two planes, each through a point and across a normal, are one.
+pub fn is_same_plane([p, n]: [DVec3; 2], [q, m]: [DVec3; 2]) -> bool {
+    n.cross(m).length() <= IN_PLANE && lies_in_plane(p, q, m)
 }
 
 /// The edges of a polygon.

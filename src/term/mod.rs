@@ -126,8 +126,7 @@ impl Motion {
         pairs.sort_unstable();
         pairs.dedup();
         let curves = pairs.iter().filter(|&&(a, b)| !cuts::are_straight(scene, self, [a, b]));
-        let mut inner = InnerBorders::new(scene.shapes.len(), curves.flat_map(|&(a, b)| [a, b]));
-        cuts.borders().for_each(|(face, line)| inner.add(face, line));
+        let inner = InnerBorders::new(scene.shapes.len(), curves.flat_map(|&(a, b)| [a, b]), cuts.borders());
         if !cuts.is_empty() {
             let edges = self.edges.take().and_then(Arc::into_inner).unwrap_or_else(|| EdgeSet::new(scene, self));
             self.edges = OnceLock::from(Arc::new(edges.with_cuts(&cuts.replaced, cuts.edges(scene))));

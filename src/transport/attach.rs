@@ -18,9 +18,11 @@
 
 use super::field::decay;
 use super::piece::{onto, outer};
+use crate::math::nearest::to_segment;
 use crate::math::{DMat3, DVec3};
-use crate::shape::edges::{to_border_off, to_lines_off};
+use crate::shape::edges::{is_same_plane, lies_in_plane, to_border_off};
 use crate::shape::{Cylinder, Shape};
+use rstar::{AABB, PointDistance, RTree, RTreeObject};
 use std::collections::HashMap;
 
 /// Where faces end besides their own borders: where others pass through them.
@@ -29,22 +31,43 @@ pub struct InnerBorders {
     /// Shapes that others pass through along curves that nobody knows.
     unknown: Vec<bool>,
     /// Lines across faces (shape, face).
-    lines: HashMap<(u32, u32), Vec<[DVec3; 2]>>,
+    lines: HashMap<(u32, u32), RTree<Line>>,
+}
+
+#[derive(Clone, Debug)]
+struct Line([DVec3; 2]);
+
+impl RTreeObject for Line {
+    type Envelope = AABB<[f64; 3]>;
+
+    fn envelope(&self) -> Self::Envelope {
+        AABB::from_corners(self.0[0].to_array(), self.0[1].to_array())
+    }
+}
+
+impl PointDistance for Line {
+    fn distance_2(&self, p: &[f64; 3]) -> f64 {
+        to_segment(DVec3::from(*p), self.0[0], self.0[1]).powi(2)
+    }
 }
 
 impl InnerBorders {
-    pub fn new(shapes: usize, unknown: impl Iterator<Item = u32>) -> InnerBorders {
+    /// Of a scene of so many shapes; `lines` across faces.
+    pub fn new(
+        shapes: usize,
+        unknown: impl Iterator<Item = u32>,
+        lines: impl Iterator<Item = ((u32, u32), [DVec3; 2])>,
+    ) -> InnerBorders {
         let mut all = InnerBorders { unknown: vec![false; shapes], lines: HashMap::new() };
         unknown.for_each(|i| all.unknown[i as usize] = true);
+        let mut by_face: HashMap<(u32, u32), Vec<Line>> = HashMap::new();
+        lines.for_each(|(face, line)| by_face.entry(face).or_default().push(Line(line)));
+        all.lines = by_face.into_iter().map(|(face, lines)| (face, RTree::bulk_load(lines))).collect();
         all
     }
 
-    pub fn add(&mut self, face: (u32, u32), line: [DVec3; 2]) {
-        self.lines.entry(face).or_default().push(line);
-    }
-
-    /// From x to the nearest of a face that does not lie in the plane through x with this normal; `None` where they are not known.
-    pub fn distance(&self, [shape, face]: [u32; 2], x: DVec3, plane: Option<DVec3>) -> Option<f64> {
+    /// From x to the nearest of a face, of normal n at its point z, that does not lie in the plane through x with the normal `plane`; `None` where they are not known.
+    pub fn distance(&self, [shape, face]: [u32; 2], z: DVec3, n: DVec3, x: DVec3, plane: Option<DVec3>) -> Option<f64> {
         if self.unknown.get(shape as usize).copied().unwrap_or(false) {
             return None;
         }
@@ -52,8 +75,12 @@ impl InnerBorders {
         if self.lines.is_empty() {
             return Some(f64::INFINITY);
         }
-        let lines = self.lines.get(&(shape, face)).into_iter().flatten().copied();
-        Some(to_lines_off(lines, x, plane))
+        let lines = self.lines.get(&(shape, face));
+        // All of a face that lies there do.
+        let lines = lines.filter(|_| plane.is_none_or(|m| !is_same_plane([z, n], [x, m])));
+        let counts = |line: &&Line| plane.is_none_or(|m| !line.0.iter().all(|y| lies_in_plane(*y, x, m)));
+        let nearest = lines.and_then(|l| l.nearest_neighbor_iter([x.x, x.y, x.z]).find(counts));
+        Some(nearest.map_or(f64::INFINITY, |line| to_segment(x, line.0[0], line.0[1])))
     }
 }
 
@@ -125,4 +152,37 @@ fn rims(s: &Cylinder, x: DVec3, plane: Option<DVec3>, z: DVec3) -> (f64, f64) {
     };
     let (fade, slope) = decay(t.max(0.0));
     (fade, slope * dt)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::Rng;
+    use crate::math::warp;
+
+    #[test]
+    fn the_nearest_line_is_that_of_a_search_of_all() {
+        let mut rng = Rng::keyed(1, 2, 3, 4);
+        let mut point = |height: f64| DVec3::new(4.0 * rng.uniform(), 4.0 * rng.uniform(), height * rng.uniform());
+        let lines: Vec<[DVec3; 2]> = (0..200).map(|k| [k, k + 1].map(|k| point(f64::from(k % 3 != 0)))).collect();
+        let borders = InnerBorders::new(2, [1].into_iter(), lines.iter().map(|l| ((0, 7), *l)));
+        let brute = |x: DVec3, counts: &dyn Fn(&[DVec3; 2]) -> bool| {
+            let kept = lines.iter().filter(|l| counts(l));
+            kept.map(|[a, b]| to_segment(x, *a, *b)).fold(f64::INFINITY, f64::min)
+        };
+        let (mut rng, z, n) = (Rng::keyed(5, 6, 7, 8), DVec3::new(0.3, 0.4, 0.0), DVec3::Z);
+        for _ in 0..500 {
+            let x = 4.0 * DVec3::new(rng.uniform(), rng.uniform(), rng.uniform() - 0.5);
+            assert_eq!(borders.distance([0, 7], z, n, x, None), Some(brute(x, &|_| true)));
+            // From a floor, lines that lie in it do not count.
+            let x = x.with_z(0.0);
+            let off_floor = |l: &[DVec3; 2]| l.iter().any(|p| p.z != 0.0);
+            let wall = warp::sphere(rng.uniform(), rng.uniform());
+            assert_eq!(borders.distance([0, 7], z + DVec3::Z, n, x, Some(DVec3::Z)), Some(brute(x, &off_floor)));
+            assert_eq!(borders.distance([0, 7], z, wall, x, Some(DVec3::Z)), Some(brute(x, &off_floor)));
+            assert_eq!(borders.distance([0, 8], z, n, x, None), Some(f64::INFINITY));
+            assert_eq!(borders.distance([0, 7], z, n, x, Some(-DVec3::Z)), Some(f64::INFINITY));
+            assert_eq!(borders.distance([1, 0], z, n, x, None), None);
+        }
+    }
 }
