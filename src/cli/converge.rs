@@ -124,7 +124,9 @@ impl ConvergeArgs {
         if log.json {
             log.result(json)?;
         } else {
-            log.summary(format!("{}\nwrote {}", table(&study.curves, &study.speedups), csv.display()))?;
+            let files = [&csv, &json_path].into_iter().chain(plots.iter().map(|p| &p.0));
+            let names: Vec<String> = files.map(|f| f.display().to_string()).collect();
+            log.summary(format!("{}\nwrote {}", table(&study.curves, &study.speedups), names.join(", ")))?;
         }
         study.health.check(study.samples as u64, self.study.health_limit)?;
         Ok(0)

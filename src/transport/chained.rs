@@ -2,7 +2,7 @@
 
 use super::first::{FilmLine, First, Nth, Opening};
 use super::motion::{Chain, Chained, Moving};
-use super::ray::MovingRay;
+use super::ray::{MovingRay, Turned};
 use super::record::{End, Event, PathRecord};
 use crate::math::Rgb;
 use crate::params::Sink;
@@ -16,8 +16,8 @@ pub struct Start {
     second: At,
     pub ray: MovingRay,
     pub first: First,
-    /// The ray that the interface turned, and whether it comes straight from the camera or from another interface.
-    came: Option<(MovingRay, bool)>,
+    /// How the interface that it begins behind turned the ray before, and whether that comes straight from the camera or from another interface.
+    turned: Option<(Turned, bool)>,
 }
 
 /// Where the event of a vertex is.
@@ -51,10 +51,12 @@ impl Starts {
         let place = |known: bool| if known { At::Before } else { At::Nowhere };
         let first = line(scene, moving, &ray).opening(&open);
         let (begun, second) = (place(open.first.is_some()), place(open.second.is_some()));
-        let mut list = vec![Start { begin: 0, place: begun, second, first, ray, came: None }];
-        let fresh = |begin, ray, came| {
+        let legs = rec.events.iter().filter(|e| matches!(e, Event::Chain | Event::Specular(_))).count();
+        let mut list = Vec::with_capacity(1 + legs);
+        list.push(Start { begin: 0, place: begun, second, first, ray, turned: None });
+        let fresh = |begin, ray, turned| {
             let (place, second) = (At::Nowhere, At::Nowhere);
-            Start { begin, place, second, first: First::default(), ray, came }
+            Start { begin, place, second, first: First::default(), ray, turned }
         };
         for (k, e) in rec.events.iter().enumerate() {
             let before = opening;
@@ -66,9 +68,9 @@ impl Starts {
             let Some(last) = list.last_mut() else { continue };
             if let Some(leg) = leg {
                 let came = line(scene, moving, &last.ray).coming(&last.first, &leg);
-                let ray = line(scene, moving, &came).behind(leg.end());
-                let from = matches!(last.place, At::Nowhere);
-                list.push(fresh(k, ray, Some((came, from))));
+                let (ray, turned) = line(scene, moving, &came).turned(leg.end());
+                let straight = matches!(last.place, At::Nowhere);
+                list.push(fresh(k, ray, Some((turned, straight))));
                 continue;
             }
             if let (None, Some(s)) = (before.first, opening.first) {
@@ -129,8 +131,8 @@ impl Start {
         match &rec.events[k] {
             Event::Chain => chain.clear(),
             Event::Specular(s) => {
-                let Some((came, straight)) = &self.came else { return };
-                cx.specular(chain, s, came, *straight, after);
+                let Some((turned, straight)) = &self.turned else { return };
+                cx.specular(chain, s, turned, *straight, after);
             }
             Event::Emit { weight, end: End::Infinity(w), .. } if seen => cx.escape(*w, *weight),
             Event::Span { span, .. } if seen => cx.camera_span(span, &self.first, after),

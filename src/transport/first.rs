@@ -382,7 +382,7 @@ impl First {
             if (y - x.x).length_squared() < x.reach() * x.reach() {
                 let (map, spread) = x.at(y);
                 rate.add(&x.e, spread);
-                v = v.plus(1.0, &x.e.mapped(map));
+                v = v.plus(1.0, &x.e.clone().mapped(map));
             }
         }
         v

@@ -17,17 +17,18 @@ use super::beam_motion::Connection;
 use super::field::{Field, classes};
 use super::first::{FilmLine, First, Met, Nth, Seen};
 use super::piece::{Piece, Stop};
-use super::ray::{MovingRay, Specular};
+use super::ray::{MovingRay, Specular, Turned};
 use super::record::{Drawn, End, MediumSpan};
 use super::velocity::{Rate, Source, Velocity, transposed};
 use crate::error::Result;
 use crate::light::{LightKind, spot_falloff};
 use crate::math::{DVec3, Rgb, gradient};
-use crate::params::{Covector, ParamSet, Sink};
+use crate::params::{Covector, ParamSet, Sink, Slot};
 use crate::phase::one_minus_cos;
 use crate::scene::beams::Way;
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
+use crate::surface::Surface;
 use std::sync::Arc;
 
 /// Which shapes move, how medium points follow, and whether the camera moves.
@@ -39,6 +40,8 @@ pub struct Moving {
     film: MovingRay,
     /// Smooth surfaces whose index changes.
     refracting: Vec<bool>,
+    /// Indices of refraction that change.
+    indices: Vec<Slot>,
     any: bool,
     /// Lights that the medium around them follows.
     followed: Vec<u32>,
@@ -55,6 +58,11 @@ impl Moving {
         let bending: Vec<bool> = scene.shapes.iter().map(|s| s.bends(params)).collect();
         let followed: Vec<u32> = (0..scene.lights.len() as u32).filter(|&i| follows(scene, params, i)).collect();
         let refracting: Vec<bool> = scene.surfaces.iter().map(|s| s.refracts_by(params)).collect();
+        let index = |s: &Surface| match s {
+            Surface::Dielectric { slot, .. } => vec![*slot, *slot + 1],
+            _ => Vec::new(),
+        };
+        let indices = scene.surfaces.iter().flat_map(index).filter(|s| params.is_active(*s)).collect();
         let beams = scene.lights.iter().any(|l| matches!(l.kind, LightKind::Beam { .. }) && l.place.moves(params));
         let changes = camera || beams || !followed.is_empty() || refracting.contains(&true);
         let any = changes || classes.iter().any(Option::is_some);
@@ -64,6 +72,7 @@ impl Moving {
             camera,
             film: if camera { MovingRay::Film } else { MovingRay::Still },
             refracting,
+            indices,
             followed,
             bending,
             inner: Arc::default(),
@@ -106,6 +115,11 @@ impl Moving {
     /// Whether the index of this surface changes.
     pub fn refracts(&self, surface: usize) -> bool {
         self.refracting[surface]
+    }
+
+    /// Whether a slot is an index of refraction, between transparent media, that changes.
+    pub fn is_index(&self, slot: Slot) -> bool {
+        self.indices.contains(&slot)
     }
 
     pub fn film_ray(&self) -> &MovingRay {
@@ -283,10 +297,9 @@ impl<S: Sink> Chained<'_, S> {
         FilmLine { scene: self.scene, moving: self.moving, ray: self.ray }
     }
 
-    /// A smooth surface turned the ray that `came`, `straight` from the camera or from a vertex: what was collected behind it depends on both.
-    pub fn specular(&mut self, chain: &mut Chain, s: &Specular, came: &MovingRay, straight: bool, after: Rgb) {
-        let line = FilmLine { scene: self.scene, moving: self.moving, ray: came };
-        line.specular_partials(self.sensor, s, after, self.sink);
+    /// A smooth surface turned a ray, `straight` from the camera or from a vertex: what was collected behind it depends on both.
+    pub fn specular(&mut self, chain: &mut Chain, s: &Specular, turned: &Turned, straight: bool, after: Rgb) {
+        turned.partials(self.scene, self.sensor, after, self.sink);
         chain.clear();
         if !straight {
             // The vertex before holds its direction.

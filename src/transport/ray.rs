@@ -10,9 +10,10 @@ use super::velocity::{Source, Velocity};
 use crate::math::fresnel::{Interface, conductor};
 use crate::math::{DMat3, DVec3, Dual, Real, Rgb, V3, warp};
 use crate::params::{Covector, Sink, Slot};
-use crate::scene::Hit;
+use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
 use crate::surface::Surface;
+use smallvec::SmallVec;
 
 /// How the points of a ray move.
 #[derive(Clone, Debug, Default)]
@@ -21,8 +22,16 @@ pub enum MovingRay {
     Still,
     /// As its film point's.
     Film,
-    /// From `o`, which moves with `start`, along w, which turns with `turn`.
-    From { o: DVec3, w: DVec3, start: Velocity, turn: Velocity },
+    From(Box<Leaving>),
+}
+
+/// A ray from `o`, which moves with `start`, along w, which turns with `turn`.
+#[derive(Clone, Debug)]
+pub struct Leaving {
+    o: DVec3,
+    w: DVec3,
+    start: Velocity,
+    turn: Velocity,
 }
 
 /// Where a smooth surface turned a ray.
@@ -49,11 +58,19 @@ struct Slopes {
     /// Of the direction after it.
     by_d: DMat3,
     by_n: DMat3,
-    by_index: Vec<(Slot, DVec3)>,
+    by_index: SmallVec<[(Slot, DVec3); 2]>,
     /// Of the logarithm of the light's share, on ω̇ and ṅ, and by slot.
     share_d: Covector,
     share_n: Covector,
-    share_index: Vec<(Slot, Rgb)>,
+    share_index: SmallVec<[(Slot, Rgb); 2]>,
+}
+
+/// A ray at an interface: how its point there and the normal move, how the ray comes, and what all that changes.
+pub struct Turned {
+    start: Velocity,
+    turn: Velocity,
+    normal: Velocity,
+    slopes: Slopes,
 }
 
 /// A unit vector whose components are the variables from `first` on.
@@ -70,7 +87,13 @@ fn jacobian<const N: usize>(v: V3<Dual<N>>, first: usize) -> DMat3 {
 impl MovingRay {
     /// One that leaves a moving point in a direction that does not turn.
     pub fn leaving(o: DVec3, w: DVec3, start: Velocity) -> MovingRay {
-        if start.is_zero() { MovingRay::Still } else { MovingRay::From { o, w, start, turn: Velocity::default() } }
+        MovingRay::from(o, w, start, Velocity::default())
+    }
+
+    /// One from `o`, which moves with `start`, along w, which turns with `turn`.
+    pub fn from(o: DVec3, w: DVec3, start: Velocity, turn: Velocity) -> MovingRay {
+        let still = start.is_zero() && turn.is_zero();
+        if still { MovingRay::Still } else { MovingRay::From(Box::new(Leaving { o, w, start, turn })) }
     }
 
     pub fn is_still(&self) -> bool {
@@ -82,7 +105,7 @@ impl MovingRay {
         match self {
             MovingRay::Still => Velocity::default(),
             MovingRay::Film => Velocity::of(Source::Camera, p),
-            MovingRay::From { o, w, start, turn } => start.clone().plus((p - *o).dot(*w), turn),
+            MovingRay::From(r) => r.start.clone().plus((p - r.o).dot(r.w), &r.turn),
         }
     }
 
@@ -94,7 +117,7 @@ impl MovingRay {
                 let at = |p: DVec3| Velocity::of(Source::Camera, p);
                 at(p + w).plus(-1.0, &at(p)).mapped(DMat3::IDENTITY - outer(w, w))
             }
-            MovingRay::From { turn, .. } => turn.clone(),
+            MovingRay::From(r) => r.turn.clone(),
         }
     }
 }
@@ -164,10 +187,10 @@ impl Slopes {
         Slopes {
             by_d: jacobian(out, 0),
             by_n: jacobian(out, 3),
-            by_index: Vec::new(),
+            by_index: SmallVec::new(),
             share_d: Covector::default(),
             share_n: Covector::default(),
-            share_index: Vec::new(),
+            share_index: SmallVec::new(),
         }
     }
 }
@@ -175,21 +198,30 @@ impl Slopes {
 impl FilmLine<'_> {
     /// What becomes of the ray.
     pub fn behind(&self, b: &Specular) -> MovingRay {
-        let surface = self.scene.shapes[b.hit.shape as usize].surface as usize;
-        let slopes = b.slopes(&self.scene.surfaces[surface], Share::Radiance);
-        let start = self.end(b.hit.p, b.w, &stop(b));
-        let normal = self.normal(b, &start);
-        let mut turn = self.ray.turn(b.hit.p, b.w).mapped(slopes.by_d).plus(1.0, &normal.mapped(slopes.by_n));
-        if self.moving.refracts(surface) {
-            for (slot, by) in slopes.by_index {
-                turn = turn.plus(1.0, &Velocity::value(slot, by));
+        self.turned(b).0
+    }
+
+    /// The same, and how the light's share changes.
+    pub fn turned(&self, b: &Specular) -> (MovingRay, Turned) {
+        let turned = self.at_interface(b, Share::Radiance);
+        let Turned { start, turn, normal, slopes, .. } = &turned;
+        let mut turn = turn.clone().mapped(slopes.by_d).plus(1.0, &normal.clone().mapped(slopes.by_n));
+        for (slot, by) in &slopes.by_index {
+            if self.moving.is_index(*slot) {
+                turn = turn.plus(1.0, &Velocity::value(*slot, *by));
             }
         }
         let turn = turn.mapped(DMat3::IDENTITY - outer(b.out, b.out));
-        if start.is_zero() && turn.is_zero() {
-            return MovingRay::Still;
-        }
-        MovingRay::From { o: b.hit.p, w: b.out, start, turn }
+        let ray = MovingRay::from(b.hit.p, b.out, start.clone(), turn);
+        (ray, turned)
+    }
+
+    fn at_interface(&self, b: &Specular, share: Share) -> Turned {
+        let surface = self.scene.shapes[b.hit.shape as usize].surface as usize;
+        let slopes = b.slopes(&self.scene.surfaces[surface], share);
+        let start = self.end(b.hit.p, b.w, &stop(b));
+        let normal = self.normal(b, &start);
+        Turned { start, turn: self.ray.turn(b.hit.p, b.w), normal, slopes }
     }
 
     /// How the normal turns, whose point moves with `start`.
@@ -210,34 +242,28 @@ impl FilmLine<'_> {
         normal.plus(1.0, &over.mapped(self.scene.shapes[shape as usize].shape.curvature(p, n)))
     }
 
-    /// What it adds where `value` was collected behind it: how the light's share changes.
-    pub fn specular_partials(&self, sensor: &Sensor, b: &Specular, value: Rgb, sink: &mut impl Sink) {
-        self.share_partials(sensor, b, Share::Radiance, value, sink);
-    }
-
-    /// The same for parallel light that the ray is a line of.
+    /// What an interface adds for parallel light that the ray is a line of, where `value` was collected behind it.
     pub fn flux_partials(&self, sensor: &Sensor, b: &Specular, value: Rgb, sink: &mut impl Sink) {
-        self.share_partials(sensor, b, Share::Irradiance, value, sink);
+        if !value.is_zero() {
+            self.at_interface(b, Share::Irradiance).partials(self.scene, sensor, value, sink);
+        }
     }
 
     /// The velocity of the point where a line along w meets the surface, and keeps to it.
     pub fn slide(&self, b: &Specular, w: DVec3) -> Velocity {
         self.end(b.hit.p, w, &stop(b))
     }
+}
 
-    fn share_partials(&self, sensor: &Sensor, b: &Specular, share: Share, value: Rgb, sink: &mut impl Sink) {
+impl Turned {
+    /// What it adds where `value` was collected behind it.
+    pub fn partials(&self, scene: &Scene, sensor: &Sensor, value: Rgb, sink: &mut impl Sink) {
         if value.is_zero() {
             return;
         }
-        let surface = self.scene.shapes[b.hit.shape as usize].surface as usize;
-        let slopes = b.slopes(&self.scene.surfaces[surface], share);
-        let start = self.end(b.hit.p, b.w, &stop(b));
-        let turn = self.ray.turn(b.hit.p, b.w);
-        turn.apply(self.scene, sensor, &slopes.share_d.weighed(value), sink);
-        self.normal(b, &start).apply(self.scene, sensor, &slopes.share_n.weighed(value), sink);
-        if self.moving.refracts(surface) {
-            slopes.share_index.into_iter().for_each(|(slot, by)| sink.add(slot, by * value));
-        }
+        self.turn.apply(scene, sensor, &self.slopes.share_d.weighed(value), sink);
+        self.normal.apply(scene, sensor, &self.slopes.share_n.weighed(value), sink);
+        self.slopes.share_index.iter().for_each(|(slot, by)| sink.add(*slot, *by * value));
     }
 }
 

@@ -4,6 +4,7 @@ use crate::math::{DMat3, DVec3, Rgb};
 use crate::params::{Covector, Partial, Sink, Slot};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
+use smallvec::{SmallVec, smallvec};
 
 /// What moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,8 +15,6 @@ pub enum Source {
     Light(u32),
     /// As part of its film point's ray.
     Camera,
-    /// Along x, with a slot that is no motion: an index of refraction.
-    Value(Slot),
     /// A vector in three slots.
     Vector(Slot),
     /// Of the vertex at hand, which is not known yet.
@@ -38,15 +37,19 @@ fn point(scene: &Scene, sensor: &Sensor, source: Source, p: DVec3, c: &Covector,
             (0..3).for_each(|i| sink.add(first + i as Slot, c.0[i]));
         }
         Source::Camera => sensor.point(p, c, sink),
-        Source::Value(slot) => sink.add(slot, c.0[0]),
         Source::Vector(slot) => (0..3).for_each(|i| sink.add(slot + i as Slot, c.0[i])),
         Source::Here => {}
     }
 }
 
-/// `ẋ = Σ M v(p)` over sources.
+/// `ẋ = Σ M v(p) + Σ ṡ x_s`.
 #[derive(Clone, Debug, Default)]
-pub struct Velocity(Vec<(Source, DVec3, DMat3)>);
+pub struct Velocity {
+    /// Sources, a point of each, and M.
+    points: Vec<(Source, DVec3, DMat3)>,
+    /// Slots that are no motions (indices of refraction), each once, and what x does with them.
+    values: SmallVec<[(Slot, DVec3); 2]>,
+}
 
 /// `Mᵀ c`.
 pub(super) fn transposed(m: &DMat3, c: &Covector) -> Covector {
@@ -60,29 +63,37 @@ pub(super) fn transposed(m: &DMat3, c: &Covector) -> Covector {
 impl Velocity {
     /// Of a point that goes with its source.
     pub fn of(source: Source, p: DVec3) -> Velocity {
-        Velocity(vec![(source, p, DMat3::IDENTITY)])
+        Velocity { points: vec![(source, p, DMat3::IDENTITY)], values: SmallVec::new() }
     }
 
     /// What goes with a slot, `ẋ = ṡ v`.
     pub fn value(slot: Slot, v: DVec3) -> Velocity {
-        Velocity(vec![(Source::Value(slot), DVec3::ZERO, DMat3::from_cols(v, DVec3::ZERO, DVec3::ZERO))])
+        Velocity { points: Vec::new(), values: smallvec![(slot, v)] }
     }
 
     pub fn is_zero(&self) -> bool {
-        self.0.is_empty()
+        self.points.is_empty() && self.values.is_empty()
     }
 
     /// `M ẋ`.
     #[must_use]
-    pub fn mapped(&self, m: DMat3) -> Velocity {
-        Velocity(self.0.iter().map(|&(s, p, k)| (s, p, m * k)).collect())
+    pub fn mapped(mut self, m: DMat3) -> Velocity {
+        self.points.iter_mut().for_each(|x| x.2 = m * x.2);
+        self.values.iter_mut().for_each(|x| x.1 = m * x.1);
+        self
     }
 
     /// `ẋ + w ẏ`.
     #[must_use]
     pub fn plus(mut self, w: f64, other: &Velocity) -> Velocity {
         if w != 0.0 {
-            self.0.extend(other.0.iter().map(|&(s, p, m)| (s, p, m * w)));
+            self.points.extend(other.points.iter().map(|&(s, p, m)| (s, p, m * w)));
+            for &(slot, v) in &other.values {
+                match self.values.iter_mut().find(|x| x.0 == slot) {
+                    Some(own) => own.1 += v * w,
+                    None => self.values.push((slot, v * w)),
+                }
+            }
         }
         self.compact();
         self
@@ -92,11 +103,11 @@ impl Velocity {
     /// by many interfaces would ask the same sources at ever more points.
     fn compact(&mut self) {
         const LONG: usize = 16;
-        if self.0.len() <= LONG {
+        if self.points.len() <= LONG {
             return;
         }
         let mut list: Vec<(Source, DVec3, [DMat3; 4])> = Vec::new();
-        for &(s, p, m) in &self.0 {
+        for &(s, p, m) in &self.points {
             let k = list.iter().position(|x| x.0 == s).unwrap_or(list.len());
             if k == list.len() {
                 list.push((s, p, [DMat3::ZERO; 4]));
@@ -106,12 +117,12 @@ impl Velocity {
             (0..3).for_each(|j| sums[1 + j] += m * off[j]);
             sums[0] += m;
         }
-        self.0.clear();
+        self.points.clear();
         for (s, o, [whole, x, y, z]) in list {
-            self.0.push((s, o, whole - x - y - z));
+            self.points.push((s, o, whole - x - y - z));
             for (e, m) in [(DVec3::X, x), (DVec3::Y, y), (DVec3::Z, z)] {
                 if m != DMat3::ZERO {
-                    self.0.push((s, o + e, m));
+                    self.points.push((s, o + e, m));
                 }
             }
         }
@@ -119,46 +130,53 @@ impl Velocity {
 
     /// The partials of `<c, ẋ>`.
     pub fn apply(&self, scene: &Scene, sensor: &Sensor, c: &Covector, sink: &mut impl Sink) {
-        for (source, p, m) in &self.0 {
+        for (source, p, m) in &self.points {
             point(scene, sensor, *source, *p, &transposed(m, c), sink);
+        }
+        for (slot, v) in &self.values {
+            sink.add(*slot, c.dot(*v));
         }
     }
 
     /// The same; what it asks of the vertex at hand is added to `at`.
     pub fn settle(&self, scene: &Scene, sensor: &Sensor, c: &Covector, at: &mut Covector, sink: &mut impl Sink) {
         self.apply(scene, sensor, c, sink);
-        for (_, _, m) in self.0.iter().filter(|x| x.0 == Source::Here) {
+        for (_, _, m) in self.points.iter().filter(|x| x.0 == Source::Here) {
             *at += transposed(m, c);
         }
     }
 
     /// The same as a list of forms.
     pub fn forms(&self, scene: &Scene, sensor: &Sensor, c: DVec3, mut out: impl FnMut(Partial)) {
-        for (source, p, m) in &self.0 {
+        for (source, p, m) in &self.points {
             let c = m.transpose() * c;
             match source {
                 Source::Shape { shape, face } => scene.matter(*shape, *face).forms(*p, c, &mut out),
                 Source::Light(k) => out(Partial { slot: scene.lights[*k as usize].place.position, v: c, len: 3 }),
                 Source::Camera => sensor.forms(*p, c).into_iter().for_each(&mut out),
-                Source::Value(slot) => out(Partial { slot: *slot, v: c, len: 1 }),
                 Source::Vector(slot) => out(Partial { slot: *slot, v: c, len: 3 }),
                 Source::Here => {}
             }
         }
+        for (slot, v) in &self.values {
+            out(Partial { slot: *slot, v: DVec3::new(c.dot(*v), 0.0, 0.0), len: 1 });
+        }
     }
 }
 
-/// A rate, linear in the same motions: `Σ <c, v(p)>` and the divergences of shapes' own motions.
+/// A rate, linear in the same motions: `Σ <c, v(p)> + Σ ṡ x_s` and the divergences of shapes' own motions.
 #[derive(Clone, Debug, Default)]
 pub struct Rate {
     forms: Vec<(Source, DVec3, DVec3)>,
+    values: SmallVec<[(Slot, f64); 2]>,
     spread: Vec<(u32, f64)>,
 }
 
 impl Rate {
     /// Adds `<c, ẋ>`.
     pub fn add(&mut self, x: &Velocity, c: DVec3) {
-        self.forms.extend(x.0.iter().map(|&(s, p, m)| (s, p, m.transpose() * c)));
+        self.forms.extend(x.points.iter().map(|&(s, p, m)| (s, p, m.transpose() * c)));
+        self.values.extend(x.values.iter().map(|&(slot, v)| (slot, v.dot(c))));
     }
 
     /// Adds `w` times the divergence of a shape's affine motion.
@@ -167,7 +185,7 @@ impl Rate {
     }
 
     pub fn is_zero(&self) -> bool {
-        self.forms.is_empty() && self.spread.is_empty()
+        self.forms.is_empty() && self.values.is_empty() && self.spread.is_empty()
     }
 
     pub fn apply(&self, scene: &Scene, sensor: &Sensor, value: Rgb, sink: &mut impl Sink) {
@@ -175,6 +193,9 @@ impl Rate {
             let mut form = Covector::default();
             form.add(c, value);
             point(scene, sensor, source, p, &form, sink);
+        }
+        for &(slot, rate) in &self.values {
+            sink.add(slot, value * rate);
         }
         for &(shape, w) in &self.spread {
             scene.shapes[shape as usize].mover.volume(value * w, sink);

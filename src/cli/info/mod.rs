@@ -11,7 +11,7 @@ use super::options::LogOptions;
 use super::run::to_json;
 use clap::Args;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use tyndall::error::{Error, Result};
 
 /// What a file holds and whether it can be used: .vdb, .vol, .exr, .ply, .obj, or a scene (.xml)
@@ -40,23 +40,34 @@ impl InfoArgs {
         if extension != "xml" && !self.define.is_empty() {
             return Err(Error::usage("`-D` is for scenes", "leave it out"));
         }
-        match extension.as_str() {
-            "vdb" => show(&vdb::VdbInfo::read(path)?, log)?,
-            "vol" => show(&vol::VolInfo::read(path)?, log)?,
-            "exr" => show(&exr::ExrInfo::read(path)?, log)?,
-            "ply" | "obj" => show(&mesh::MeshInfo::read(path, &extension)?, log)?,
-            "xml" => show(&scene::SceneInfo::read(path, &self.define)?, log)?,
+        let text = self.read(path, &extension, log).map_err(|e| match e {
+            Error::Io { .. } | Error::Runtime(_) => Error::usage(
+                e.to_string(),
+                "look whether it was written to its end, and is of the kind that its name says",
+            ),
+            other => other,
+        })?;
+        log.result(text)?;
+        Ok(0)
+    }
+
+    fn read(&self, path: &Path, extension: &str, log: &Log) -> Result<String> {
+        match extension {
+            "vdb" => told(&vdb::VdbInfo::read(path)?, log),
+            "vol" => told(&vol::VolInfo::read(path)?, log),
+            "exr" => told(&exr::ExrInfo::read(path)?, log),
+            "ply" | "obj" => told(&mesh::MeshInfo::read(path, extension)?, log),
+            "xml" => told(&scene::SceneInfo::read(path, &self.define)?, log),
             _ => {
                 let what = format!("{}: nothing is known about files of this name", path.display());
-                return Err(Error::usage(what, "give a .vdb, .vol, .exr, .ply, .obj or a scene .xml"));
+                Err(Error::usage(what, "give a .vdb, .vol, .exr, .ply, .obj or a scene .xml"))
             }
         }
-        Ok(0)
     }
 }
 
-fn show(info: &impl Info, log: &Log) -> Result<()> {
-    log.result(if log.json { to_json(info)? } else { info.text() })
+fn told(info: &impl Info, log: &Log) -> Result<String> {
+    if log.json { to_json(info) } else { Ok(info.text()) }
 }
 
 /// Numbers with enough digits to tell places apart.
