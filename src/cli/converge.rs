@@ -80,7 +80,9 @@ impl ConvergeArgs {
         let mut plots = vec![(csv.with_extension("svg"), None)];
         plots.extend(wrt.iter().map(|n| (csv.with_extension(format!("d_{n}.svg")), Some(n.clone()))));
         let json_path = csv.with_extension("json");
-        for path in [&csv, &json_path].into_iter().chain(plots.iter().map(|p| &p.0)) {
+        let files: Vec<&Path> =
+            [&csv, &json_path].into_iter().chain(plots.iter().map(|p| &p.0)).map(|p| &**p).collect();
+        for path in &files {
             files::check_place(path, self.study.overwrite)?;
         }
         let setup = Setup::new(&self.scene, &self.study.render(None), &wrt, log)?;
@@ -124,8 +126,7 @@ impl ConvergeArgs {
         if log.json {
             log.result(json)?;
         } else {
-            let files = [&csv, &json_path].into_iter().chain(plots.iter().map(|p| &p.0));
-            let names: Vec<String> = files.map(|f| f.display().to_string()).collect();
+            let names: Vec<String> = files.iter().map(|f| f.display().to_string()).collect();
             log.summary(format!("{}\nwrote {}", table(&study.curves, &study.speedups), names.join(", ")))?;
         }
         study.health.check(study.samples as u64, self.study.health_limit)?;

@@ -141,7 +141,7 @@ pub fn lies_in_plane(y: DVec3, p: DVec3, normal: DVec3) -> bool {
 
 /// Whether two planes, each through a point and across a normal, are one.
 pub fn is_same_plane([p, n]: [DVec3; 2], [q, m]: [DVec3; 2]) -> bool {
-    n.cross(m).length() <= IN_PLANE && lies_in_plane(p, q, m)
+    n.cross(m).length() <= FLAT && lies_in_plane(p, q, m)
 }
 
 /// The edges of a polygon.

@@ -43,7 +43,7 @@ use crate::math::rng::Rng;
 use crate::params::{ParamSet, Partial, Slot};
 use crate::scene::{Scene, Settings};
 use crate::sensor::Sensor;
-use crate::shape::Shape;
+use crate::shape::{Geometry, Shape};
 use crate::transport::Tally;
 use crate::transport::attach::InnerBorders;
 use crate::transport::motion::Moving;
@@ -126,7 +126,9 @@ impl Motion {
         pairs.sort_unstable();
         pairs.dedup();
         let curves = pairs.iter().filter(|&&(a, b)| !cuts::are_straight(scene, self, [a, b]));
-        let inner = InnerBorders::new(scene.shapes.len(), curves.flat_map(|&(a, b)| [a, b]), cuts.borders());
+        let normal = |(shape, face): (u32, u32), p| scene.shapes[shape as usize].shape.normal(face, p);
+        let lines = cuts.borders().map(|(face, line)| (face, normal(face, line[0]), line));
+        let inner = InnerBorders::new(scene.shapes.len(), curves.flat_map(|&(a, b)| [a, b]), lines);
         if !cuts.is_empty() {
             let edges = self.edges.take().and_then(Arc::into_inner).unwrap_or_else(|| EdgeSet::new(scene, self));
             self.edges = OnceLock::from(Arc::new(edges.with_cuts(&cuts.replaced, cuts.edges(scene))));

@@ -30,8 +30,16 @@ use std::collections::HashMap;
 pub struct InnerBorders {
     /// Shapes that others pass through along curves that nobody knows.
     unknown: Vec<bool>,
-    /// Lines across faces (shape, face).
-    lines: HashMap<(u32, u32), RTree<Line>>,
+    /// Of faces (shape, face).
+    faces: HashMap<(u32, u32), Lines>,
+}
+
+/// Lines across a face.
+#[derive(Clone, Debug)]
+struct Lines {
+    /// Of the face: a point, and the normal.
+    plane: [DVec3; 2],
+    tree: RTree<Line>,
 }
 
 #[derive(Clone, Debug)]
@@ -52,34 +60,40 @@ impl PointDistance for Line {
 }
 
 impl InnerBorders {
-    /// Of a scene of so many shapes; `lines` across faces.
+    /// Of a scene of so many shapes; `lines` across faces, with their normals.
     pub fn new(
         shapes: usize,
         unknown: impl Iterator<Item = u32>,
-        lines: impl Iterator<Item = ((u32, u32), [DVec3; 2])>,
+        lines: impl Iterator<Item = ((u32, u32), DVec3, [DVec3; 2])>,
     ) -> InnerBorders {
-        let mut all = InnerBorders { unknown: vec![false; shapes], lines: HashMap::new() };
+        let mut all = InnerBorders { unknown: vec![false; shapes], faces: HashMap::new() };
         unknown.for_each(|i| all.unknown[i as usize] = true);
-        let mut by_face: HashMap<(u32, u32), Vec<Line>> = HashMap::new();
-        lines.for_each(|(face, line)| by_face.entry(face).or_default().push(Line(line)));
-        all.lines = by_face.into_iter().map(|(face, lines)| (face, RTree::bulk_load(lines))).collect();
+        let mut by_face: HashMap<(u32, u32), (DVec3, Vec<Line>)> = HashMap::new();
+        for (face, n, line) in lines {
+            by_face.entry(face).or_insert((n, Vec::new())).1.push(Line(line));
+        }
+        let of_face = |(n, lines): (DVec3, Vec<Line>)| {
+            let plane = [lines[0].0[0], n];
+            Lines { plane, tree: RTree::bulk_load(lines) }
+        };
+        all.faces = by_face.into_iter().map(|(face, lines)| (face, of_face(lines))).collect();
         all
     }
 
-    /// From x to the nearest of a face, of normal n at its point z, that does not lie in the plane through x with the normal `plane`; `None` where they are not known.
-    pub fn distance(&self, [shape, face]: [u32; 2], z: DVec3, n: DVec3, x: DVec3, plane: Option<DVec3>) -> Option<f64> {
+    /// From x to the nearest of a face that does not lie in the plane through x with this normal; `None` where they are not known.
+    pub fn distance(&self, [shape, face]: [u32; 2], x: DVec3, plane: Option<DVec3>) -> Option<f64> {
         if self.unknown.get(shape as usize).copied().unwrap_or(false) {
             return None;
         }
         // Of nearly all scenes.
-        if self.lines.is_empty() {
+        if self.faces.is_empty() {
             return Some(f64::INFINITY);
         }
-        let lines = self.lines.get(&(shape, face));
+        let lines = self.faces.get(&(shape, face));
         // All of a face that lies there do.
-        let lines = lines.filter(|_| plane.is_none_or(|m| !is_same_plane([z, n], [x, m])));
+        let lines = lines.filter(|l| plane.is_none_or(|m| !is_same_plane(l.plane, [x, m])));
         let counts = |line: &&Line| plane.is_none_or(|m| !line.0.iter().all(|y| lies_in_plane(*y, x, m)));
-        let nearest = lines.and_then(|l| l.nearest_neighbor_iter([x.x, x.y, x.z]).find(counts));
+        let nearest = lines.and_then(|l| l.tree.nearest_neighbor_iter([x.x, x.y, x.z]).find(counts));
         Some(nearest.map_or(f64::INFINITY, |line| to_segment(x, line.0[0], line.0[1])))
     }
 }
@@ -158,31 +172,38 @@ fn rims(s: &Cylinder, x: DVec3, plane: Option<DVec3>, z: DVec3) -> (f64, f64) {
 mod tests {
     use super::*;
     use crate::math::rng::Rng;
-    use crate::math::warp;
 
     #[test]
     fn the_nearest_line_is_that_of_a_search_of_all() {
         let mut rng = Rng::keyed(1, 2, 3, 4);
         let mut point = |height: f64| DVec3::new(4.0 * rng.uniform(), 4.0 * rng.uniform(), height * rng.uniform());
         let lines: Vec<[DVec3; 2]> = (0..200).map(|k| [k, k + 1].map(|k| point(f64::from(k % 3 != 0)))).collect();
-        let borders = InnerBorders::new(2, [1].into_iter(), lines.iter().map(|l| ((0, 7), *l)));
+        let across = |n: DVec3| {
+            let of_face = lines.iter().map(move |l| ((0, 7), n, *l));
+            InnerBorders::new(2, [1].into_iter(), of_face.collect::<Vec<_>>().into_iter())
+        };
+        let borders = across(DVec3::Y);
         let brute = |x: DVec3, counts: &dyn Fn(&[DVec3; 2]) -> bool| {
             let kept = lines.iter().filter(|l| counts(l));
             kept.map(|[a, b]| to_segment(x, *a, *b)).fold(f64::INFINITY, f64::min)
         };
-        let (mut rng, z, n) = (Rng::keyed(5, 6, 7, 8), DVec3::new(0.3, 0.4, 0.0), DVec3::Z);
+        let mut rng = Rng::keyed(5, 6, 7, 8);
+        let floor = InnerBorders::new(1, [].into_iter(), [((0, 0), DVec3::Z, [DVec3::X, DVec3::Y])].into_iter());
         for _ in 0..500 {
             let x = 4.0 * DVec3::new(rng.uniform(), rng.uniform(), rng.uniform() - 0.5);
-            assert_eq!(borders.distance([0, 7], z, n, x, None), Some(brute(x, &|_| true)));
+            assert_eq!(borders.distance([0, 7], x, None), Some(brute(x, &|_| true)));
+            assert_eq!(borders.distance([0, 8], x, None), Some(f64::INFINITY));
+            assert_eq!(borders.distance([1, 0], x, None), None);
             // From a floor, lines that lie in it do not count.
             let x = x.with_z(0.0);
             let off_floor = |l: &[DVec3; 2]| l.iter().any(|p| p.z != 0.0);
-            let wall = warp::sphere(rng.uniform(), rng.uniform());
-            assert_eq!(borders.distance([0, 7], z + DVec3::Z, n, x, Some(DVec3::Z)), Some(brute(x, &off_floor)));
-            assert_eq!(borders.distance([0, 7], z, wall, x, Some(DVec3::Z)), Some(brute(x, &off_floor)));
-            assert_eq!(borders.distance([0, 8], z, n, x, None), Some(f64::INFINITY));
-            assert_eq!(borders.distance([0, 7], z, n, x, Some(-DVec3::Z)), Some(f64::INFINITY));
-            assert_eq!(borders.distance([1, 0], z, n, x, None), None);
+            assert_eq!(borders.distance([0, 7], x, Some(DVec3::Z)), Some(brute(x, &off_floor)));
+            let to_line = to_segment(x, DVec3::X, DVec3::Y);
+            let tilted = |by: f64| DVec3::new(by, by, 1.0).normalize();
+            assert_eq!(floor.distance([0, 0], x, Some(-DVec3::Z)), Some(f64::INFINITY));
+            assert!(floor.distance([0, 0], x + 1e-6 * DVec3::Z, Some(DVec3::Z)).is_some_and(f64::is_finite));
+            assert_eq!(floor.distance([0, 0], x, Some(tilted(1e-10))), Some(f64::INFINITY));
+            assert_eq!(floor.distance([0, 0], x, Some(tilted(1e-4))), Some(to_line));
         }
     }
 }

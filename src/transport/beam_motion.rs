@@ -40,7 +40,7 @@ fn turns(scene: &Scene, moving: &Moving, way: &Way, points: &[DVec3]) -> Vec<Vel
     let mut list = vec![Velocity::of(Source::Vector(slot), DVec3::ZERO)];
     for (s, &p) in way.steps.iter().zip(points.iter().rev()) {
         let start = Velocity::default();
-        let ray = MovingRay::from(p, s.before, start, list.last().cloned().unwrap_or_default());
+        let ray = MovingRay::new(p, s.before, start, list.last().cloned().unwrap_or_default());
         list.push(FilmLine { scene, moving, ray: &ray }.behind(&s.specular(scene, p)).turn(p, s.behind));
     }
     list
@@ -60,7 +60,7 @@ fn back(
     let (mut o, mut w, mut start) = (x, -way.w, start);
     for k in 0..=points.len() {
         let left = points.len() - k;
-        let ray = MovingRay::from(o, w, start.clone(), turned(left));
+        let ray = MovingRay::new(o, w, start.clone(), turned(left));
         let line = FilmLine { scene, moving, ray: &ray };
         let next = points.get(k);
         each(&line, (o, w), next.map_or(f64::INFINITY, |p| (*p - o).dot(w)));
@@ -144,7 +144,7 @@ impl Connection<'_> {
         }
         // Shares of the planes, as the light meets them.
         for ((s, &p), turn) in way.steps.iter().zip(points.iter().rev()).zip(&turns) {
-            let ray = MovingRay::from(p, s.before, Velocity::default(), turn.clone());
+            let ray = MovingRay::new(p, s.before, Velocity::default(), turn.clone());
             let line = FilmLine { scene, moving, ray: &ray };
             line.flux_partials(cx.sensor, &s.specular(scene, p), self.value, cx.sink);
         }

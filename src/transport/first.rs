@@ -338,7 +338,7 @@ impl FilmLine<'_> {
     pub fn held(&self, first: &First, [shape, face]: [u32; 2], z: DVec3, n: DVec3) -> Option<Attached> {
         let (x, own) = first.at?;
         let plane = own.map(|h| h.n);
-        let inner = self.moving.inner().distance([shape, face], z, n, x, plane)?;
+        let inner = self.moving.inner().distance([shape, face], x, plane)?;
         Attached::new(&self.scene.shapes[shape as usize].shape, face, inner, x, plane, z, n)
     }
 

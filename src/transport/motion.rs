@@ -40,7 +40,7 @@ pub struct Moving {
     film: MovingRay,
     /// Smooth surfaces whose index changes.
     refracting: Vec<bool>,
-    /// Indices of refraction that change.
+    /// Indices of refraction of dielectrics that change.
     indices: Vec<Slot>,
     any: bool,
     /// Lights that the medium around them follows.
@@ -58,11 +58,12 @@ impl Moving {
         let bending: Vec<bool> = scene.shapes.iter().map(|s| s.bends(params)).collect();
         let followed: Vec<u32> = (0..scene.lights.len() as u32).filter(|&i| follows(scene, params, i)).collect();
         let refracting: Vec<bool> = scene.surfaces.iter().map(|s| s.refracts_by(params)).collect();
-        let index = |s: &Surface| match s {
-            Surface::Dielectric { slot, .. } => vec![*slot, *slot + 1],
-            _ => Vec::new(),
+        let dielectric = |s: &Surface| match s {
+            Surface::Dielectric { slot, .. } => Some(*slot),
+            _ => None,
         };
-        let indices = scene.surfaces.iter().flat_map(index).filter(|s| params.is_active(*s)).collect();
+        let both = scene.surfaces.iter().filter_map(dielectric).flat_map(|s| [s, s + 1]);
+        let indices = both.filter(|s| params.is_active(*s)).collect();
         let beams = scene.lights.iter().any(|l| matches!(l.kind, LightKind::Beam { .. }) && l.place.moves(params));
         let changes = camera || beams || !followed.is_empty() || refracting.contains(&true);
         let any = changes || classes.iter().any(Option::is_some);

@@ -65,12 +65,13 @@ struct Slopes {
     share_index: SmallVec<[(Slot, Rgb); 2]>,
 }
 
-/// A ray at an interface: how its point there and the normal move, how the ray comes, and what all that changes.
+/// How the light's share at an interface changes: with the direction in which the ray comes, with the normal, and by slot.
 pub struct Turned {
-    start: Velocity,
-    turn: Velocity,
+    coming: Velocity,
     normal: Velocity,
-    slopes: Slopes,
+    share_d: Covector,
+    share_n: Covector,
+    share_index: SmallVec<[(Slot, Rgb); 2]>,
 }
 
 /// A unit vector whose components are the variables from `first` on.
@@ -87,11 +88,11 @@ fn jacobian<const N: usize>(v: V3<Dual<N>>, first: usize) -> DMat3 {
 impl MovingRay {
     /// One that leaves a moving point in a direction that does not turn.
     pub fn leaving(o: DVec3, w: DVec3, start: Velocity) -> MovingRay {
-        MovingRay::from(o, w, start, Velocity::default())
+        MovingRay::new(o, w, start, Velocity::default())
     }
 
     /// One from `o`, which moves with `start`, along w, which turns with `turn`.
-    pub fn from(o: DVec3, w: DVec3, start: Velocity, turn: Velocity) -> MovingRay {
+    pub fn new(o: DVec3, w: DVec3, start: Velocity, turn: Velocity) -> MovingRay {
         let still = start.is_zero() && turn.is_zero();
         if still { MovingRay::Still } else { MovingRay::From(Box::new(Leaving { o, w, start, turn })) }
     }
@@ -203,25 +204,32 @@ impl FilmLine<'_> {
 
     /// The same, and how the light's share changes.
     pub fn turned(&self, b: &Specular) -> (MovingRay, Turned) {
-        let turned = self.at_interface(b, Share::Radiance);
-        let Turned { start, turn, normal, slopes, .. } = &turned;
-        let mut turn = turn.clone().mapped(slopes.by_d).plus(1.0, &normal.clone().mapped(slopes.by_n));
-        for (slot, by) in &slopes.by_index {
-            if self.moving.is_index(*slot) {
-                turn = turn.plus(1.0, &Velocity::value(*slot, *by));
+        let slopes = b.slopes(self.surface_of(b), Share::Radiance);
+        let (by_d, by_n, by_index) = (slopes.by_d, slopes.by_n, slopes.by_index.clone());
+        let (start, turned) = self.at_interface(b, slopes);
+        let mut out = turned.coming.clone().mapped(by_d).plus(1.0, &turned.normal.clone().mapped(by_n));
+        for (slot, by) in by_index {
+            if self.moving.is_index(slot) {
+                out = out.plus(1.0, &Velocity::value(slot, by));
             }
         }
-        let turn = turn.mapped(DMat3::IDENTITY - outer(b.out, b.out));
-        let ray = MovingRay::from(b.hit.p, b.out, start.clone(), turn);
-        (ray, turned)
+        let out = out.mapped(DMat3::IDENTITY - outer(b.out, b.out));
+        (MovingRay::new(b.hit.p, b.out, start, out), turned)
     }
 
-    fn at_interface(&self, b: &Specular, share: Share) -> Turned {
-        let surface = self.scene.shapes[b.hit.shape as usize].surface as usize;
-        let slopes = b.slopes(&self.scene.surfaces[surface], share);
+    fn surface_of(&self, b: &Specular) -> &Surface {
+        &self.scene.surfaces[self.scene.shapes[b.hit.shape as usize].surface as usize]
+    }
+
+    /// How the ray's point there moves, and how the light's share changes.
+    fn at_interface(&self, b: &Specular, slopes: Slopes) -> (Velocity, Turned) {
         let start = self.end(b.hit.p, b.w, &stop(b));
         let normal = self.normal(b, &start);
-        Turned { start, turn: self.ray.turn(b.hit.p, b.w), normal, slopes }
+        let Slopes { share_d, share_n, mut share_index, .. } = slopes;
+        if !self.moving.refracts(self.scene.shapes[b.hit.shape as usize].surface as usize) {
+            share_index.clear();
+        }
+        (start, Turned { coming: self.ray.turn(b.hit.p, b.w), normal, share_d, share_n, share_index })
     }
 
     /// How the normal turns, whose point moves with `start`.
@@ -245,7 +253,8 @@ impl FilmLine<'_> {
     /// What an interface adds for parallel light that the ray is a line of, where `value` was collected behind it.
     pub fn flux_partials(&self, sensor: &Sensor, b: &Specular, value: Rgb, sink: &mut impl Sink) {
         if !value.is_zero() {
-            self.at_interface(b, Share::Irradiance).partials(self.scene, sensor, value, sink);
+            let slopes = b.slopes(self.surface_of(b), Share::Irradiance);
+            self.at_interface(b, slopes).1.partials(self.scene, sensor, value, sink);
         }
     }
 
@@ -261,9 +270,9 @@ impl Turned {
         if value.is_zero() {
             return;
         }
-        self.turn.apply(scene, sensor, &self.slopes.share_d.weighed(value), sink);
-        self.normal.apply(scene, sensor, &self.slopes.share_n.weighed(value), sink);
-        self.slopes.share_index.iter().for_each(|(slot, by)| sink.add(*slot, *by * value));
+        self.coming.apply(scene, sensor, &self.share_d.weighed(value), sink);
+        self.normal.apply(scene, sensor, &self.share_n.weighed(value), sink);
+        self.share_index.iter().for_each(|(slot, by)| sink.add(*slot, *by * value));
     }
 }
 

@@ -11,7 +11,7 @@ use super::options::LogOptions;
 use super::run::to_json;
 use clap::Args;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use tyndall::error::{Error, Result};
 
 /// What a file holds and whether it can be used: .vdb, .vol, .exr, .ply, .obj, or a scene (.xml)
@@ -40,30 +40,29 @@ impl InfoArgs {
         if extension != "xml" && !self.define.is_empty() {
             return Err(Error::usage("`-D` is for scenes", "leave it out"));
         }
-        let text = self.read(path, &extension, log).map_err(|e| match e {
-            Error::Io { .. } | Error::Runtime(_) => Error::usage(
-                e.to_string(),
-                "look whether it was written to its end, and is of the kind that its name says",
-            ),
-            other => other,
-        })?;
-        log.result(text)?;
-        Ok(0)
-    }
-
-    fn read(&self, path: &Path, extension: &str, log: &Log) -> Result<String> {
-        match extension {
-            "vdb" => told(&vdb::VdbInfo::read(path)?, log),
-            "vol" => told(&vol::VolInfo::read(path)?, log),
-            "exr" => told(&exr::ExrInfo::read(path)?, log),
-            "ply" | "obj" => told(&mesh::MeshInfo::read(path, extension)?, log),
+        let text = match extension.as_str() {
+            "vdb" => told(&readable(vdb::VdbInfo::read(path))?, log),
+            "vol" => told(&readable(vol::VolInfo::read(path))?, log),
+            "exr" => told(&readable(exr::ExrInfo::read(path))?, log),
+            "ply" | "obj" => told(&readable(mesh::MeshInfo::read(path, &extension))?, log),
             "xml" => told(&scene::SceneInfo::read(path, &self.define)?, log),
             _ => {
                 let what = format!("{}: nothing is known about files of this name", path.display());
                 Err(Error::usage(what, "give a .vdb, .vol, .exr, .ply, .obj or a scene .xml"))
             }
-        }
+        };
+        log.result(text?)?;
+        Ok(0)
     }
+}
+
+/// What is wrong with the file itself is bad input.
+fn readable<T>(read: Result<T>) -> Result<T> {
+    let remedy = "look whether it was written to its end, and is of the kind that its name says";
+    read.map_err(|e| match e {
+        Error::Runtime(what) => Error::usage(what, remedy),
+        other => other,
+    })
 }
 
 fn told(info: &impl Info, log: &Log) -> Result<String> {
