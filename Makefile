@@ -2,10 +2,9 @@
 
 .PHONY: all setup build demo figures test lint unit embree4 docs stress bench install clean
 
-# A build from nothing is quicker, and its code faster, without what later builds and debuggers could use.
+# A build from nothing is quicker, and its code faster, without what later builds could use again.
 ifdef CI
 export CARGO_INCREMENTAL := 0
-export CARGO_PROFILE_DEV_DEBUG := false
 endif
 
 all: build

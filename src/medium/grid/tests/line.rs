@@ -245,7 +245,8 @@ proptest! {
         let t = grid.invert(o, w, t0, t1, u * whole);
         prop_assert!(t.is_ok());
         // What a ray only grazes it has less of than one rounding of t may bring.
-        let (t, ulps) = (t.unwrap(), 4.0 * f64::EPSILON * (t1.max(-t0) + o.length() / w.length().max(1e-300)));
+        let place = if w == DVec3::ZERO { 0.0 } else { o.length() / w.length() };
+        let (t, ulps) = (t.unwrap(), 4.0 * f64::EPSILON * (t1.max(-t0) + place));
         let [before, behind] = [t - ulps, t + ulps].map(|t| grid.integrate(o, w, t0, t));
         prop_assert!(before - 1e-13 * whole <= u * whole && u * whole <= behind + 1e-13 * whole);
     }
