@@ -100,13 +100,19 @@ impl Reverse {
     pub fn new(scalars: usize, arrays: Vec<f64>) -> Self {
         Reverse { adjoint: Rgb::ZERO, scalars: vec![0.0; scalars], arrays }
     }
+
+    /// To one slot, weighted already.
+    #[inline]
+    pub fn scatter(&mut self, slot: Slot, value: f64) {
+        let (slot, scalars) = (slot as usize, self.scalars.len());
+        let sum = if slot < scalars { &mut self.scalars[slot] } else { &mut self.arrays[slot - scalars] };
+        *sum += value;
+    }
 }
 
 impl Sink for Reverse {
     #[inline]
     fn add(&mut self, slot: Slot, partial: Rgb) {
-        let (slot, scalars) = (slot as usize, self.scalars.len());
-        let sum = if slot < scalars { &mut self.scalars[slot] } else { &mut self.arrays[slot - scalars] };
-        *sum += self.adjoint.dot(partial);
+        self.scatter(slot, self.adjoint.dot(partial));
     }
 }

@@ -327,6 +327,11 @@ fn join(low: u64, high: i32) -> i128 {
 
 /// Round to nearest, ties to even. Most values fit 64 bits, where the conversion is cheap.
 fn to_integer(x: f64) -> i128 {
+    // Where a unit is the last place, adding this rounds just so, without a call.
+    const UNITS: f64 = 6755399441055744.0; // 1.5 * 2^52
+    if x.abs() < 2.0f64.powi(51) {
+        return ((x + UNITS) - UNITS) as i64 as i128;
+    }
     let x = x.round_ties_even();
     if x.abs() < 9.2e18 { x as i64 as i128 } else { x as i128 }
 }

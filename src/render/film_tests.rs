@@ -238,3 +238,14 @@ fn wide_division_matches_narrow() {
     assert_eq!(square_over(1 << 95, 1), [0, 0, 1 << 62]);
     assert_eq!(wide_to_f64([0, 0, 1 << 62]), power_of_two(190));
 }
+
+#[test]
+fn integers_by_both_ways() {
+    let edge = 2.0f64.powi(51);
+    let near =
+        [0.5, 1.5, 2.5, 0.499_999_999_999_999_94, 1e-300, 12345.5, edge - 0.5, edge - 0.25, edge + 0.5, edge * 3.0];
+    let all = near.into_iter().chain((0..1000).map(|i| 1.0137f64.powi(i - 300) * 0.731));
+    for x in all.flat_map(|x| [x, -x]) {
+        assert_eq!(to_integer(x), x.round_ties_even() as i128, "{x}");
+    }
+}

@@ -9,8 +9,9 @@ use super::rooms::{self, Rooms};
 use super::swept::{Derivatives, Swept};
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
-use crate::params::{Forward, Reverse};
+use crate::params::Reverse;
 use crate::transport::{self, State, Tally};
+use smallvec::{SmallVec, smallvec};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -32,27 +33,32 @@ impl Job<'_> {
 
     /// Add one contribution of a room.
     fn contribute(&self, room: usize, c: &rooms::Contribution, film: &Film, reverse: &mut Option<Reverse>) {
-        let Some(pixel) = self.in_crop(c.pixel) else { return };
-        let finite = c.sample.partials.iter().all(|p| p.v.is_finite());
-        if !c.weight.is_finite() || !finite {
-            film.reject_sample(pixel);
-            return;
-        }
+        let inside = c.pixels.iter().filter_map(|(p, w)| Some((self.in_crop(*p)?, *w)));
+        let partials = c.partials().all(|(_, v)| v.is_finite());
+        let taken = inside.filter(|(pixel, w)| {
+            let taken = partials && w.is_finite();
+            if !taken {
+                film.reject_sample(*pixel);
+            }
+            taken
+        });
         match (&self.mode, reverse) {
             (Mode::Forward(p), _) => {
-                let k = p.len();
-                let mut sink = Forward::new(p);
-                c.emit(&mut sink);
-                for (j, d) in sink.image.iter().enumerate().filter(|(_, d)| !d.is_zero()) {
-                    film.add(pixel, j + 1, *d);
-                    if self.split {
-                        film.add(pixel, 1 + (2 + room) * k + j, *d);
+                let mut rates: SmallVec<[f64; 8]> = smallvec![0.0; p.len()];
+                c.contract(p, &mut rates);
+                let layers = || rates.iter().enumerate().filter(|(_, r)| **r != 0.0);
+                for (pixel, w) in taken {
+                    for (j, r) in layers() {
+                        film.add(pixel, j + 1, w * *r);
+                        if self.split {
+                            film.add(pixel, 1 + (2 + room) * p.len() + j, w * *r);
+                        }
                     }
                 }
             }
             (Mode::Reverse(_, adjoint), Some(r)) => {
-                r.adjoint = adjoint[pixel];
-                c.emit(r);
+                let sum: f64 = taken.map(|(pixel, w)| adjoint[pixel].dot(w)).sum();
+                c.partials().filter(|_| sum != 0.0).for_each(|(slot, v)| r.scatter(slot, sum * v));
             }
             _ => {}
         }

@@ -35,9 +35,11 @@ impl Job<'_> {
                     let mut image = vec![Rgb::ZERO; params.len()];
                     let mut sum = 0.0;
                     let (at, density) = rooms.outward(room, GUIDE_KEY | i, &mut Tally::default(), &mut |c| {
-                        c.emit(&mut sink);
-                        sink.forward.take(&mut image);
-                        sum += square(&image) + finite(sink.take_squares());
+                        for (_, w) in c.pixels {
+                            c.emit(*w, &mut sink);
+                            sink.forward.take(&mut image);
+                            sum += square(&image) + finite(sink.take_squares());
+                        }
                     });
                     Told { at, square: sum, density }
                 };
@@ -90,11 +92,13 @@ impl Job<'_> {
                 let mut image = vec![Rgb::ZERO; p.len()];
                 for room in 0..rooms.list.len() {
                     let mut most = |c: rooms::Contribution, square_sum: &mut f64| {
-                        c.emit(&mut sink);
-                        sink.forward.take(&mut image);
-                        *square_sum += square(&image) + finite(sink.take_squares());
-                        for (s, d) in sums[1..].iter_mut().zip(&image) {
-                            *s = f64::max(*s, finite(d.abs().max()));
+                        for (_, w) in c.pixels {
+                            c.emit(*w, &mut sink);
+                            sink.forward.take(&mut image);
+                            *square_sum += square(&image) + finite(sink.take_squares());
+                            for (s, d) in sums[1..].iter_mut().zip(&image) {
+                                *s = f64::max(*s, finite(d.abs().max()));
+                            }
                         }
                     };
                     let [along, outward] = &mut squares[room];

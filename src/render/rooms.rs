@@ -51,19 +51,27 @@ pub struct Rooms<'a> {
     motion: Arc<Motion>,
 }
 
-/// A contribution to one pixel, to be multiplied by each of the partials.
+/// What a sample adds to pixels: to each its weight, times every partial of the sample.
 pub struct Contribution<'a> {
-    pub pixel: [usize; 2],
-    pub weight: Rgb,
     pub sample: &'a Sample<'a>,
+    pub pixels: &'a [([usize; 2], Rgb)],
 }
 
 impl Contribution<'_> {
-    pub fn emit(&self, sink: &mut impl Sink) {
-        for p in self.sample.partials {
-            for k in 0..p.len {
-                sink.add(p.slot + k as Slot, self.weight * p.v[k as usize]);
-            }
+    /// Each slot that the sample depends on, with its partial.
+    pub fn partials(&self) -> impl Iterator<Item = (Slot, f64)> + '_ {
+        self.sample.partials.iter().flat_map(|p| (0..p.len).map(|k| (p.slot + k as Slot, p.v[k as usize])))
+    }
+
+    /// One pixel's share.
+    pub fn emit(&self, weight: Rgb, sink: &mut impl Sink) {
+        self.partials().for_each(|(slot, v)| sink.add(slot, weight * v));
+    }
+
+    /// Partials by parameter, onto zeros of their number.
+    pub fn contract(&self, params: &ParamSet, out: &mut [f64]) {
+        for (slot, v) in self.partials() {
+            out.iter_mut().zip(params.tangents(slot)).for_each(|(o, t)| *o += v * t);
         }
     }
 }
@@ -198,7 +206,7 @@ impl<'a> Rooms<'a> {
         let w = filter::density(self.filter, offset[0]) * filter::density(self.filter, offset[1]);
         self.list[room].along(&mut cx, film, rng, &mut |s| {
             let weight = s.flux * s.weigh(w, self.along[room], self.outward[room] as f64);
-            f(Contribution { pixel: [x, y], weight, sample: s });
+            f(Contribution { sample: s, pixels: &[([x, y], weight)] });
         });
         *tally = tally.plus(&cx.tally);
     }
@@ -216,15 +224,18 @@ impl<'a> Rooms<'a> {
         let size = [self.sensor.width, self.sensor.height];
         let u = std::array::from_fn(|_| rng.uniform());
         let (lead, density) = self.guides[room].as_ref().map_or((u, 1.0), |g| g.warp(u));
+        let mut pixels = Vec::new();
         self.list[room].outward(&mut cx, &lead, &mut rng, &mut |s| {
+            pixels.clear();
             for pixel in filter::pixels(self.filter, s.film, size) {
                 let offset = |k: usize| s.film[k] - (pixel[k] as f64 + 0.5);
                 let w = filter::density(self.filter, offset(0)) * filter::density(self.filter, offset(1));
                 if w > 0.0 {
                     let weight = s.flux * (s.weigh(w, self.along[room], self.outward[room] as f64) / density);
-                    f(Contribution { pixel, weight, sample: s });
+                    pixels.push((pixel, weight));
                 }
             }
+            f(Contribution { sample: s, pixels: &pixels });
         });
         *tally = tally.plus(&cx.tally);
         (lead, density)
