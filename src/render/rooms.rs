@@ -13,16 +13,14 @@ use crate::params::{ParamSet, Sink, Slot};
 use crate::scene::Scene;
 use crate::scene::parts::Filter;
 use crate::sensor::Sensor;
-use crate::term::{Context, EdgeForm, Motion, ROOMS, Room, Sample, rooms};
+use crate::term::{COSTS, Context, EdgeForm, Motion, ROOMS, Room, Sample, rooms};
 use crate::transport::Tally;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-/// Samples of a room's pass for one sample of the picture: the least and the most.
+/// Samples of a room's pass for one sample of the picture: the least, where they cost what most rooms' do, and the most.
 const RATE: (f64, f64) = (1.0 / 8.0, 4.0);
-/// Costs of a sample along a camera ray and of one outward over that of a path with its derivative.
-const COST: Pass = [0.4, 1.0];
 /// What all rooms together may cost at most, in paths.
 const TOTAL: f64 = 1.6;
 /// Outward samples of one work item.
@@ -114,22 +112,24 @@ impl<'a> Rooms<'a> {
         })
     }
 
-    /// Share out the work: with rate r a pass has the variance `v / r` and costs `COST r`, beside 1 for the interior, so that the least variance x cost is at
-    /// `r = √(v / (interior COST))`; less where all together would cost too much. `interior`, `passes`: mean squares of a pixel's derivative from
-    /// one sample each, by a keyed pilot.
+    /// Share out the work: with rate r a pass has the variance `v / r` and costs `c r` ([`Room::costs`]), beside 1 for the interior, so that the least variance x cost is at
+    /// `r = √(v / (interior c))`; less where all together would cost too much, and never so little that a pilot which missed something could ruin the run. `interior`, `passes`: mean
+    /// squares of a pixel's derivative from one sample each, by a keyed pilot.
     pub fn set_budget(&mut self, interior: f64, passes: &[Pass]) {
         let pixels = (self.sensor.width * self.sensor.height) as f64;
+        let costs: Vec<Pass> = self.list.iter().map(|r| r.costs()).collect();
         let rate = |v: f64, cost: f64| {
             let r = if interior > 0.0 { (v / (interior * cost)).sqrt() } else { 1.0 };
             if r.is_finite() { r } else { 1.0 }
         };
-        let rates: Vec<Pass> = passes.iter().map(|v| [rate(v[0], COST[0]), rate(v[1], COST[1])]).collect();
-        let cost: f64 = rates.iter().map(|r| r[0] * COST[0] + r[1] * COST[1]).sum();
+        let pass = |(v, c): (&Pass, &Pass)| [rate(v[0], c[0]), rate(v[1], c[1])];
+        let rates: Vec<Pass> = passes.iter().zip(&costs).map(pass).collect();
+        let cost: f64 = rates.iter().zip(&costs).map(|(r, c)| r[0] * c[0] + r[1] * c[1]).sum();
         let scale = (TOTAL / cost).min(1.0);
-        for (k, r) in rates.iter().enumerate() {
-            let [along, outward] = r.map(|r| (r * scale).clamp(RATE.0, RATE.1));
-            self.along[k] = along;
-            self.outward[k] = if self.list[k].has_outward() { (outward * pixels).ceil() as u64 } else { 0 };
+        for (k, (r, c)) in rates.iter().zip(&costs).enumerate() {
+            let share = |i: usize| (r[i] * scale).clamp(RATE.0 * (COSTS[i] / c[i]).sqrt(), RATE.1);
+            self.along[k] = share(0);
+            self.outward[k] = if self.list[k].has_outward() { (share(1) * pixels).ceil() as u64 } else { 0 };
         }
     }
 

@@ -19,12 +19,57 @@ const UNKNOWNS: usize = 2 * PLANES;
 const SOFT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
 /// Segments as short as this, with distances as soft as the last, vanish.
 const KINK: f64 = 1e-3;
+/// Normals of planes that count as parallel have a cross product as long as this.
+const PARALLEL: f64 = 1e-6;
+/// Distance from a plane, over the size of the chain, that is none.
+const IN_PLANE: f64 = 1e-9;
+/// What the length falls by, over itself, that no sum of it can tell.
+const ROUNDING: f64 = 1e-15;
+/// The share of a step that is left where it is cut short, and how often that may be.
+const SHORT: f64 = 0.125;
+const PATIENCE: usize = 2;
+/// How far below 1 the length of a subgradient has to be.
+const STRICT: f64 = 1e-9;
 
+/// A plane through p, or, where axes are zero, a line or a point.
 #[derive(Clone, Copy, Debug)]
 struct Plane {
     p: DVec3,
     x: DVec3,
     y: DVec3,
+}
+
+impl Plane {
+    fn normal(&self) -> DVec3 {
+        self.x.cross(self.y)
+    }
+
+    /// The same, with p moved to near this point.
+    fn through(&self, p: DVec3) -> Plane {
+        Plane { p: p - self.normal() * self.normal().dot(p - self.p), ..*self }
+    }
+
+    /// What this line shares with a plane: a point, or all of it.
+    fn meet_plane(&self, other: &Plane) -> Option<Plane> {
+        let n = other.normal();
+        let (slope, off) = (n.dot(self.x), n.dot(other.p - self.p));
+        if slope.abs() <= PARALLEL {
+            return (off.abs() <= IN_PLANE * self.p.length()).then_some(*self);
+        }
+        Some(Plane { p: self.p + self.x * (off / slope), x: DVec3::ZERO, y: DVec3::ZERO })
+    }
+
+    /// Where two of them meet, near p.
+    fn meet(&self, other: &Plane, p: DVec3) -> Option<Plane> {
+        let (a, b) = (self.normal(), other.normal());
+        let along = a.cross(b);
+        let square = along.length_squared();
+        if square <= PARALLEL * PARALLEL {
+            return None;
+        }
+        let off = (b.cross(along) * a.dot(self.p - p) + along.cross(a) * b.dot(other.p - p)) / square;
+        Some(Plane { p: p + off, x: along / square.sqrt(), y: DVec3::ZERO })
+    }
 }
 
 /// What there is by a chain to a point.
@@ -42,6 +87,8 @@ pub struct Planes {
     planes: Vec<Plane>,
     /// Index of refraction before each plane, and behind the last, relative to the first.
     index: Vec<f64>,
+    /// Normal of the last plane toward where light goes on, where that is known.
+    onward: Option<DVec3>,
 }
 
 impl Planes {
@@ -69,46 +116,154 @@ impl Planes {
             }
         }
         index.push(now);
-        Some(Planes { planes, index })
+        let onward = chain.last().zip(planes.last()).map(|(s, p)| p.normal() * p.normal().dot(s.out).signum());
+        Some(Planes { planes, index, onward })
     }
 
     /// The eye's ray to e; `o`: where one of its rays starts.
     pub fn ray(&self, eye: &Eye, o: DVec3, e: DVec3) -> Way {
-        let k = self.planes.len();
         let size = (e - o).length() + self.planes.iter().map(|p| (p.p - o).length()).sum::<f64>();
+        // Nothing goes on to what lies in the last plane, as the edges of its own face do, or before it.
+        if self.onward.zip(self.planes.last()).is_some_and(|(n, p)| n.dot(e - p.p) <= IN_PLANE * size) {
+            return Way::None;
+        }
+        // From the ray that the chain was met by: its segments are long.
+        let mut q = [0.0; UNKNOWNS];
+        if self.dive(eye, o, e, &mut q, size) {
+            return self.way(eye, o, &q);
+        }
+        if self.is_kinked(eye, o, e, &q, size) {
+            return Way::None;
+        }
+        self.softly(eye, o, e, size)
+    }
+
+    /// The same. Where planes meet, distances may vanish and their sum has a kink that holds the iteration up. Softened ones, `√(d² + ε²)`, are convex and have none: then ε falls.
+    /// Where the least way has a segment of no length light takes no way at all.
+    #[inline(never)]
+    fn softly(&self, eye: &Eye, o: DVec3, e: DVec3, size: f64) -> Way {
+        let k = self.planes.len();
         let mut q = [0.0; UNKNOWNS];
         for (i, p) in self.planes.iter().enumerate() {
             let off = o.lerp(e, (i as f64 + 1.0) / (k as f64 + 1.0)) - p.p;
             (q[2 * i], q[2 * i + 1]) = (off.dot(p.x), off.dot(p.y));
         }
-        // Where planes meet, distances may vanish and their sum has a kink that holds the iteration up. Softened ones, `√(d² + ε²)`, are convex and have none: then ε falls.
-        // Where the least way has a segment of no length light takes no way at all.
-        let begin = q;
-        let mut found = self.descend(eye, o, e, &mut q, 0.0, size);
-        if !found {
-            q = begin;
-            for soft in SOFT {
-                self.descend(eye, o, e, &mut q, soft * size, size);
-            }
-            let soft = q;
-            found = self.descend(eye, o, e, &mut q, 0.0, size);
-            let length = |i: usize| {
-                let (a, b) = self.segment(eye, o, e, &soft, i);
-                (b - a).length()
-            };
-            if !found {
-                return if (1..=k).any(|i| length(i) <= KINK * size) { Way::None } else { Way::Lost };
-            }
+        for soft in SOFT {
+            self.descend(eye, o, e, &mut q, soft * size, size);
         }
-        let first = self.point(0, &q);
+        let soft = q;
+        if self.descend(eye, o, e, &mut q, 0.0, size) {
+            return self.way(eye, o, &q);
+        }
+        let length = |i: usize| {
+            let (a, b) = self.segment(eye, o, e, &soft, i);
+            (b - a).length()
+        };
+        if (1..=k).any(|i| length(i) <= KINK * size) { Way::None } else { Way::Lost }
+    }
+
+    /// The ray by these points.
+    fn way(&self, eye: &Eye, o: DVec3, q: &Vector) -> Way {
+        let first = self.point(0, q);
         match eye {
             Eye::Point(_) => (first - o).try_normalize().map_or(Way::None, |w| Way::Ray(Start { o, w })),
             Eye::Parallel(w) => Way::Ray(Start { o: first - *w * (first - o).dot(*w), w: *w }),
         }
     }
 
-    /// Newton's method from `q`; whether it ends anywhere.
+    /// Whether the least way misses segments, found from where the iteration stuck: the shortest ones are taken out, their planes' points held together, until the rest has a least way. The length
+    /// is convex, so that this is the least of all if 0 is a subgradient there.
+    #[inline(never)]
+    fn is_kinked(&self, eye: &Eye, o: DVec3, e: DVec3, stuck: &Vector, size: f64) -> bool {
+        let k = self.planes.len();
+        let mut at: Vec<DVec3> = (0..k).map(|i| self.point(i, stuck)).collect();
+        let mut groups: Vec<[usize; 2]> = (0..k).map(|i| [i, i]).collect();
+        while groups.len() > 1 {
+            let between = |j: usize| (at[groups[j + 1][0]] - at[groups[j][0]]).length();
+            let Some(j) = (0..groups.len() - 1).min_by(|&i, &j| between(i).total_cmp(&between(j))) else { break };
+            let [_, last] = groups.remove(j + 1);
+            groups[j][1] = last;
+            let Some(less) = self.held_together(&groups, &at) else { return false };
+            let mut q: Vector = [0.0; UNKNOWNS];
+            let least = less.dive(eye, o, e, &mut q, size);
+            if least {
+                let way = |j: usize| {
+                    let (a, b) = less.segment(eye, o, e, &q, j);
+                    match (j, eye) {
+                        (0, Eye::Parallel(w)) => *w,
+                        _ => (b - a).normalize(),
+                    }
+                };
+                return groups.iter().enumerate().all(|(j, g)| self.is_held(*g, way(j), way(j + 1)));
+            }
+            for (j, g) in groups.iter().enumerate() {
+                at[g[0]..=g[1]].fill(less.point(j, &q));
+            }
+        }
+        false
+    }
+
+    /// The chain where the points of each group of planes (first, last) are one, on what the planes share; begins near `at`.
+    fn held_together(&self, groups: &[[usize; 2]], at: &[DVec3]) -> Option<Planes> {
+        let shared = |&[a, b]: &[usize; 2]| match b - a {
+            0 => Some(self.planes[a].through(at[a])),
+            1 => self.planes[a].meet(&self.planes[b], at[a].midpoint(at[b])),
+            2 => self.planes[a].meet(&self.planes[a + 1], at[a])?.meet_plane(&self.planes[b]),
+            _ => None,
+        };
+        let planes = groups.iter().map(shared).collect::<Option<_>>()?;
+        let index = groups.iter().map(|g| self.index[g[0]]).chain(self.index.last().copied()).collect();
+        Some(Planes { planes, index, onward: None })
+    }
+
+    /// Whether the points of a group do not part, pulled at from both sides along `from` and `to`: each vanished segment can have a "direction" v, `|v| < 1`, so that no end of it moves.
+    fn is_held(&self, [a, b]: [usize; 2], from: DVec3, to: DVec3) -> bool {
+        let (first, last) = (self.planes[a].normal(), self.planes[b].normal());
+        let (into, out) = (self.index[a + 1], self.index[b]);
+        // What v is along the first and the last plane.
+        let flat = |v: DVec3, n: DVec3| v - n * n.dot(v);
+        let g = flat(from, first) * (self.index[a] / into);
+        let h = flat(to, last) * (self.index[b + 1] / out);
+        match b - a {
+            0 => true,
+            // One v: what it is across the first plane follows from the second.
+            1 => {
+                let line = first.cross(last).normalize();
+                let n = line.cross(last);
+                (g + first * ((h - g).dot(n) / first.dot(n))).length() < 1.0 - STRICT
+            }
+            // Two, which pull alike along the plane between them. Across first and last they are free, within their length.
+            2 => {
+                let p = &self.planes[a + 1];
+                let off = h * out - g * into;
+                let free = |v: DVec3| (1.0 - STRICT) * (1.0 - v.length_squared()).sqrt();
+                if first.cross(last).length_squared() <= PARALLEL * PARALLEL {
+                    let across = first.cross(p.normal()).cross(p.normal()).normalize();
+                    let most = (first.dot(across) * into * free(g)).abs() + (last.dot(across) * out * free(h)).abs();
+                    return off.dot(across).abs() < most;
+                }
+                let (u, v) = (first * into, last * out);
+                let det = u.dot(p.y) * v.dot(p.x) - u.dot(p.x) * v.dot(p.y);
+                let s = (off.dot(p.y) * v.dot(p.x) - off.dot(p.x) * v.dot(p.y)) / det;
+                let t = (off.dot(p.y) * u.dot(p.x) - off.dot(p.x) * u.dot(p.y)) / det;
+                s.abs() < free(g) && t.abs() < free(h)
+            }
+            _ => false,
+        }
+    }
+
+    /// [`Self::descend`] without softness and without patience: given up where steps have to be cut short again and again, as they do before a kink.
+    fn dive(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector, size: f64) -> bool {
+        self.newton(eye, o, e, q, 0.0, size, PATIENCE)
+    }
+
+    /// Newton's method from `q`, to the end; whether there is one.
     fn descend(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector, soft: f64, size: f64) -> bool {
+        self.newton(eye, o, e, q, soft, size, usize::MAX)
+    }
+
+    fn newton(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector, soft: f64, size: f64, patience: usize) -> bool {
+        let mut patience = patience;
         let n = 2 * self.planes.len();
         let mut length = self.length(eye, o, e, q, soft);
         for _ in 0..200 {
@@ -117,22 +272,32 @@ impl Planes {
             let step = by[..n].iter().map(|b| b * b).sum::<f64>().sqrt();
             let falls: f64 = (0..n).map(|i| gradient[i] * by[i]).sum();
             let from = *q;
+            // Of soft lengths no more is asked than where to begin.
+            let close = if soft > 0.0 { 0.1 * soft } else { 1e-13 * size };
             let moved = |t: f64| -> Vector { std::array::from_fn(|i| from[i] - t * by[i]) };
-            let better = (0..40).map(|h| 0.5f64.powi(h)).find_map(|t| {
+            // As short as rounding can tell: the step itself is still good where it is short.
+            if falls <= ROUNDING * length {
+                *q = moved(1.0);
+                return step <= 1e-4 * size;
+            }
+            let better = std::iter::successors(Some(1.0), |t| Some(0.5 * t)).take(40).find_map(|t| {
                 let next = moved(t);
                 let l = self.length(eye, o, e, &next, soft);
-                (l < length - 1e-4 * t * falls).then_some((next, l))
+                (l < length - 1e-4 * t * falls).then_some((next, l, t))
             });
             match better {
-                Some(next) => (*q, length) = next,
-                // As short as rounding can tell: the step itself is still good where it is short.
+                Some((_, _, t)) if t <= SHORT && patience == 0 => return false,
+                Some((next, l, t)) => {
+                    (*q, length) = (next, l);
+                    patience -= usize::from(t <= SHORT);
+                }
                 None if step <= 1e-4 * size => {
                     *q = moved(1.0);
                     return true;
                 }
                 None => return false,
             }
-            if step <= 1e-13 * size {
+            if step <= close {
                 return true;
             }
         }
@@ -159,7 +324,7 @@ impl Planes {
             let (a, b) = self.segment(eye, o, e, q, i);
             let long = match (i, eye) {
                 (0, Eye::Parallel(w)) => (b - o).dot(*w),
-                _ => (b - a).length().hypot(soft),
+                _ => ((b - a).length_squared() + soft * soft).sqrt(),
             };
             self.index[i] * long
         };
@@ -176,7 +341,7 @@ impl Planes {
             let (u, bend) = match (straight, eye) {
                 (true, Eye::Parallel(w)) => (*w, 0.0),
                 _ => {
-                    let d = (b - a).length().hypot(soft);
+                    let d = ((b - a).length_squared() + soft * soft).sqrt();
                     if d == 0.0 {
                         return None;
                     }
@@ -196,6 +361,12 @@ impl Planes {
                         }
                     }
                 }
+            }
+        }
+        // Lines have one unknown, points none.
+        for (j, p) in self.planes.iter().enumerate() {
+            for (c, _) in [p.x, p.y].iter().enumerate().filter(|(_, x)| **x == DVec3::ZERO) {
+                h[2 * j + c][2 * j + c] = 1.0;
             }
         }
         Some((g, h))
@@ -241,6 +412,7 @@ mod tests {
         let prism = Planes {
             planes: vec![plane(DVec3::X, DVec3::new(1.0, 0.3, 0.1)), plane(DVec3::X * 2.0, DVec3::new(1.0, -0.4, 0.2))],
             index: vec![1.0, 1.6, 1.0],
+            onward: None,
         };
         let mirror = Planes {
             planes: vec![
@@ -249,12 +421,14 @@ mod tests {
                 plane(DVec3::X, DVec3::X),
             ],
             index: vec![1.0, 1.5, 1.5, 1.0],
+            onward: None,
         };
         // In at one side of a block, mirrored at another that meets it, out at the far side.
         let side = DVec3::new(0.0, 0.2, 0.0);
         let block = Planes {
             planes: vec![plane(DVec3::X, DVec3::X), plane(side, DVec3::Y), plane(DVec3::X * 1.3, DVec3::X)],
             index: vec![1.0, 1.5, 1.5, 1.0],
+            onward: None,
         };
         let o = DVec3::new(-1.0, 0.2, 0.1);
         let eyes = [Eye::Point(o), Eye::Parallel(DVec3::new(1.0, 0.1, 0.05).normalize())];
@@ -265,7 +439,8 @@ mod tests {
             (&block, below, DVec3::new(4.0, -0.33, -0.1), &[Eye::Point(below)]),
         ];
         // The least way goes by the line where two of its planes meet: light does not.
-        assert!(matches!(block.ray(&Eye::Point(below), below, DVec3::new(4.0, -0.9, -0.3)), Way::None));
+        let nowhere = DVec3::new(4.0, -0.9, -0.3);
+        assert!(matches!(block.ray(&Eye::Point(below), below, nowhere), Way::None));
         for (chain, o, e, eyes) in chains {
             for eye in eyes {
                 let Way::Ray(start) = chain.ray(eye, o, e) else { panic!() };
@@ -285,5 +460,46 @@ mod tests {
                 assert!(miss.length() < 1e-9, "{miss}");
             }
         }
+    }
+
+    /// Chains through the faces of a block, to points all around: what a subgradient tells is what soft lengths tell, and it is told often, by two planes and by three.
+    #[test]
+    fn kinks_are_told_by_subgradients() {
+        let faces = [-1.0, 1.0].map(|s| [DVec3::X * s, DVec3::Y * s * 0.6, DVec3::Z * s * 0.8]).concat();
+        let mut rng = crate::math::rng::Rng::keyed(5, 0, 0, 0);
+        let mut random = |n: f64| DVec3::new(rng.uniform() - 0.5, rng.uniform() - 0.5, rng.uniform() - 0.5) * n;
+        let (mut kinked, mut ways, mut left) = (0, 0, 0);
+        for i in 0..4000 {
+            let k = 2 + i % 3;
+            let mut chain: Vec<usize> = Vec::new();
+            while chain.len() < k {
+                let next = ((random(1.0).x + 0.5) * 6.0) as usize;
+                if chain.last().is_none_or(|l| l % 3 != next % 3) {
+                    chain.push(next);
+                }
+            }
+            let planes = chain.iter().map(|&f| plane(faces[f] + flat(random(1.0), faces[f]), faces[f])).collect();
+            let through = i % 2 == 0;
+            let index = (0..=k).map(|j| if j == 0 || (j == k && through) { 1.0 } else { 1.5 }).collect();
+            let planes = Planes { planes, index, onward: None };
+            let (o, e) = (DVec3::new(0.4, 3.0, 2.0) + random(1.0), random(6.0));
+            let eye = if i % 5 == 0 { Eye::Parallel(random(1.0).normalize()) } else { Eye::Point(o) };
+            let mut q = [0.0; UNKNOWNS];
+            let size = 10.0;
+            if planes.dive(&eye, o, e, &mut q, size) {
+                ways += 1;
+                assert!(!planes.is_kinked(&eye, o, e, &q, size), "{i}");
+            } else if planes.is_kinked(&eye, o, e, &q, size) {
+                assert!(!matches!(planes.softly(&eye, o, e, size), Way::Ray(_)), "{i}");
+                kinked += 1;
+            } else {
+                left += 1;
+            }
+        }
+        assert!(kinked > 2000 && ways > 100 && left < kinked / 2, "{kinked} {ways} {left}");
+    }
+
+    fn flat(p: DVec3, n: DVec3) -> DVec3 {
+        p - n * (n.dot(p) / n.length_squared())
     }
 }
