@@ -33,10 +33,14 @@ impl Job<'_> {
 
     /// Add one contribution of a room.
     fn contribute(&self, room: usize, c: &rooms::Contribution, film: &Film, reverse: &mut Option<Reverse>) {
-        let inside = c.pixels.iter().filter_map(|(p, w)| Some((self.in_crop(*p)?, *w)));
-        let partials = c.partials().all(|(_, v)| v.is_finite());
-        let taken = inside.filter(|(pixel, w)| {
-            let taken = partials && w.is_finite();
+        let mut taken: SmallVec<[(usize, Rgb); 16]> =
+            c.pixels.iter().filter_map(|(p, w)| Some((self.in_crop(*p)?, *w))).collect();
+        if taken.is_empty() {
+            return;
+        }
+        let finite = c.partials().all(|(_, v)| v.is_finite());
+        taken.retain(|(pixel, w)| {
+            let taken = finite && w.is_finite();
             if !taken {
                 film.reject_sample(*pixel);
             }
@@ -46,18 +50,18 @@ impl Job<'_> {
             (Mode::Forward(p), _) => {
                 let mut rates: SmallVec<[f64; 8]> = smallvec![0.0; p.len()];
                 c.contract(p, &mut rates);
-                let layers = || rates.iter().enumerate().filter(|(_, r)| **r != 0.0);
-                for (pixel, w) in taken {
-                    for (j, r) in layers() {
-                        film.add(pixel, j + 1, w * *r);
+                for (j, r) in rates.iter().enumerate().filter(|(_, r)| **r != 0.0) {
+                    for (pixel, w) in &taken {
+                        let rate = *w * *r;
+                        film.add(*pixel, j + 1, rate);
                         if self.split {
-                            film.add(pixel, 1 + (2 + room) * p.len() + j, w * *r);
+                            film.add(*pixel, 1 + (2 + room) * p.len() + j, rate);
                         }
                     }
                 }
             }
             (Mode::Reverse(_, adjoint), Some(r)) => {
-                let sum: f64 = taken.map(|(pixel, w)| adjoint[pixel].dot(w)).sum();
+                let sum: f64 = taken.iter().map(|(pixel, w)| adjoint[*pixel].dot(*w)).sum();
                 c.partials().filter(|_| sum != 0.0).for_each(|(slot, v)| r.scatter(slot, sum * v));
             }
             _ => {}
@@ -211,4 +215,71 @@ fn count(health: &Health, t: &Tally) {
     health.add(Mishap::LightOnRay, t.light_on_ray);
     health.add(Mishap::UnboundedVacuum, t.unbounded_vacuum);
     health.add(Mishap::RejectedNonfinite, t.nonfinite);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::DVec3;
+    use crate::params::{Partial, Slot};
+    use crate::render::film::FilmSpec;
+    use crate::render::plan::Terms;
+    use crate::render::rooms::Contribution;
+    use crate::scene::compile::LoadOptions;
+    use crate::scene::{Scene, SceneDesc};
+    use crate::term::{EdgeForm, Sample};
+
+    const LAMP: &str = r#"<scene version="3.0.0"><default name="x" value="1"/><integrator type="volpath"/>
+      <sensor type="perspective"><film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="2"/></film></sensor>
+      <emitter type="point"><point name="position" value="$x, 2, 3"/><rgb name="intensity" value="1"/></emitter></scene>"#;
+
+    /// What lies outside of the crop is no sample of it; what is not finite is left out whole and counted; the rest is weight times partial times tangent, in both modes.
+    #[test]
+    fn contributions_are_cropped_and_finite() {
+        let desc = SceneDesc::parse(LAMP, std::path::Path::new("lamp.xml"), &[]).unwrap();
+        let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap();
+        let params = scene.param_set(&desc, &["x".into()]).unwrap();
+        let slots = scene.slots.values.len() as Slot;
+        let slot = (0..slots).find(|&s| params.tangents(s).iter().any(|t| *t != 0.0)).unwrap();
+        let crop = [1, 0, 3, 2];
+        let spec = FilmSpec { width: 2, height: 2, layers: vec!["".into(), "d_x".into()], quantum: vec![-40; 2] };
+        // Value and rejections of each pixel of the crop, and the gradient.
+        let run = |mode: Mode, partial: f64, weights: [f64; 2]| {
+            let reverse = matches!(mode, Mode::Reverse(..));
+            let job = Job {
+                scene: &scene,
+                sensor: 0,
+                crop,
+                spp: 1,
+                seed: 0,
+                mode,
+                terms: Terms::ALL,
+                edges: EdgeForm::Outward,
+                split: false,
+                max_time: None,
+                target_error: None,
+                stop: None,
+            };
+            let partials = [Partial { slot, v: DVec3::new(partial, 0.0, 0.0), len: 1 }];
+            let sample =
+                Sample { film: [2.0, 1.0], flux: Rgb::ONE, partials: &partials, film_per_sheet: 0.0, outward: 1.0 };
+            let pixels =
+                [([0, 0], Rgb::splat(9.0)), ([1, 0], Rgb::splat(weights[0])), ([2, 1], Rgb::splat(weights[1]))];
+            let mut film = Film::new(spec.clone());
+            let mut sink = reverse.then(|| Reverse::new(slots as usize, Vec::new()));
+            job.contribute(0, &Contribution { sample: &sample, pixels: &pixels }, &film, &mut sink);
+            film.end_batch(0, 1).unwrap();
+            let values: Vec<f64> = (0..4).map(|p| film.mean(1, p)[0]).collect();
+            let rejected: Vec<u32> = film.rejected.iter().map(|r| r.load(Ordering::Relaxed)).collect();
+            (values, rejected, sink.map(|r| r.scalars[slot as usize]))
+        };
+        let forward = || Mode::Forward(&params);
+        assert_eq!(run(forward(), 3.0, [2.0, 5.0]), (vec![6.0, 0.0, 0.0, 15.0], vec![0; 4], None));
+        assert_eq!(run(forward(), 3.0, [f64::NAN, 5.0]), (vec![0.0, 0.0, 0.0, 15.0], vec![1, 0, 0, 0], None));
+        assert_eq!(run(forward(), f64::INFINITY, [2.0, 5.0]), (vec![0.0; 4], vec![1, 0, 0, 1], None));
+        let adjoint = [1.0, 100.0, 100.0, 10.0].map(Rgb::splat);
+        let reverse = || Mode::Reverse(&params, &adjoint);
+        assert_eq!(run(reverse(), 3.0, [2.0, 5.0]).2, Some(3.0 * 3.0 * (2.0 + 50.0)));
+        assert_eq!(run(reverse(), 3.0, [f64::NAN, 5.0]).2, Some(3.0 * 3.0 * 50.0));
+    }
 }

@@ -15,11 +15,12 @@ use crate::scene::parts::Filter;
 use crate::sensor::Sensor;
 use crate::term::{COSTS, Context, EdgeForm, Motion, ROOMS, Room, Sample, rooms};
 use crate::transport::Tally;
+use smallvec::SmallVec;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-/// Samples of a room's pass for one sample of the picture: the least, where they cost what most rooms' do, and the most.
+/// Samples of a room's pass for one sample of the picture: the least, where they cost what most rooms' do (as `√cost`, like the best), and the most.
 const RATE: (f64, f64) = (1.0 / 8.0, 4.0);
 /// What all rooms together may cost at most, in paths.
 const TOTAL: f64 = 1.6;
@@ -74,6 +75,22 @@ impl Contribution<'_> {
     }
 }
 
+/// Samples of each pass for one of the picture. With rate r a pass has the variance `v / r` and costs `c r` ([`Room::costs`]), beside 1 for the interior, so that the least variance x cost is at
+/// `r = √(v / (interior c))`; less where all together would cost too much, and never so little that a pilot which missed something could ruin the run.
+fn rates(interior: f64, variances: &[Pass], costs: &[Pass]) -> Vec<Pass> {
+    let best = |v: f64, cost: f64| {
+        let r = if interior > 0.0 { (v / (interior * cost)).sqrt() } else { 1.0 };
+        if r.is_finite() { r } else { 1.0 }
+    };
+    let pass = |(v, c): (&Pass, &Pass)| [best(v[0], c[0]), best(v[1], c[1])];
+    let rates: Vec<Pass> = variances.iter().zip(costs).map(pass).collect();
+    let cost: f64 = rates.iter().zip(costs).map(|(r, c)| r[0] * c[0] + r[1] * c[1]).sum();
+    let scale = (TOTAL / cost).min(1.0);
+    let within = |r: f64, cost: f64, common: f64| (r * scale).clamp(RATE.0 * (common / cost).sqrt(), RATE.1);
+    let pass = |(r, c): (&Pass, &Pass)| [within(r[0], c[0], COSTS[0]), within(r[1], c[1], COSTS[1])];
+    rates.iter().zip(costs).map(pass).collect()
+}
+
 impl<'a> Rooms<'a> {
     pub fn new(
         scene: &'a Scene,
@@ -112,24 +129,13 @@ impl<'a> Rooms<'a> {
         })
     }
 
-    /// Share out the work: with rate r a pass has the variance `v / r` and costs `c r` ([`Room::costs`]), beside 1 for the interior, so that the least variance x cost is at
-    /// `r = √(v / (interior c))`; less where all together would cost too much, and never so little that a pilot which missed something could ruin the run. `interior`, `passes`: mean
-    /// squares of a pixel's derivative from one sample each, by a keyed pilot.
+    /// Share out the work, by variances and costs. `interior`, `passes`: mean squares of a pixel's derivative from one sample each, by a keyed pilot.
     pub fn set_budget(&mut self, interior: f64, passes: &[Pass]) {
         let pixels = (self.sensor.width * self.sensor.height) as f64;
         let costs: Vec<Pass> = self.list.iter().map(|r| r.costs()).collect();
-        let rate = |v: f64, cost: f64| {
-            let r = if interior > 0.0 { (v / (interior * cost)).sqrt() } else { 1.0 };
-            if r.is_finite() { r } else { 1.0 }
-        };
-        let pass = |(v, c): (&Pass, &Pass)| [rate(v[0], c[0]), rate(v[1], c[1])];
-        let rates: Vec<Pass> = passes.iter().zip(&costs).map(pass).collect();
-        let cost: f64 = rates.iter().zip(&costs).map(|(r, c)| r[0] * c[0] + r[1] * c[1]).sum();
-        let scale = (TOTAL / cost).min(1.0);
-        for (k, (r, c)) in rates.iter().zip(&costs).enumerate() {
-            let share = |i: usize| (r[i] * scale).clamp(RATE.0 * (COSTS[i] / c[i]).sqrt(), RATE.1);
-            self.along[k] = share(0);
-            self.outward[k] = if self.list[k].has_outward() { (share(1) * pixels).ceil() as u64 } else { 0 };
+        for (k, [along, outward]) in rates(interior, passes, &costs).into_iter().enumerate() {
+            self.along[k] = along;
+            self.outward[k] = if self.list[k].has_outward() { (outward * pixels).ceil() as u64 } else { 0 };
         }
     }
 
@@ -224,7 +230,7 @@ impl<'a> Rooms<'a> {
         let size = [self.sensor.width, self.sensor.height];
         let u = std::array::from_fn(|_| rng.uniform());
         let (lead, density) = self.guides[room].as_ref().map_or((u, 1.0), |g| g.warp(u));
-        let mut pixels = Vec::new();
+        let mut pixels: SmallVec<[_; 16]> = SmallVec::new();
         self.list[room].outward(&mut cx, &lead, &mut rng, &mut |s| {
             pixels.clear();
             for pixel in filter::pixels(self.filter, s.film, size) {
@@ -235,7 +241,9 @@ impl<'a> Rooms<'a> {
                     pixels.push((pixel, weight));
                 }
             }
-            f(Contribution { sample: s, pixels: &pixels });
+            if !pixels.is_empty() {
+                f(Contribution { sample: s, pixels: &pixels });
+            }
         });
         *tally = tally.plus(&cx.tally);
         (lead, density)
@@ -244,5 +252,29 @@ impl<'a> Rooms<'a> {
     /// Time spent elsewhere for a room.
     pub fn add_time(&self, room: usize, start: Instant) {
         self.nanoseconds[room].fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(a: f64, b: f64) -> bool {
+        (a - b).abs() <= 1e-12 * b
+    }
+
+    /// Dear passes get less, by the root of what they cost; so do their least rates; all together stay within their budget.
+    #[test]
+    fn rates_follow_variance_and_cost() {
+        let dear = [4.0 * COSTS[0], COSTS[1]];
+        let r = rates(1.0, &[[0.04, 0.09], [0.04, 0.09]], &[COSTS, dear]);
+        assert!(close(r[0][0], 0.2 / COSTS[0].sqrt()) && close(r[0][1], 0.3), "{r:?}");
+        assert!(close(r[1][0], r[0][0] / 2.0) && r[1][1] == r[0][1], "{r:?}");
+        let none = rates(1.0, &[[0.0; 2]; 2], &[COSTS, dear]);
+        assert!(none[0] == [RATE.0; 2] && close(none[1][0], RATE.0 / 2.0) && none[1][1] == RATE.0, "{none:?}");
+        let much = rates(1.0, &[[100.0, 1.0], [1.0, 1.0]], &[COSTS, dear]);
+        let cost: f64 = much.iter().zip([COSTS, dear]).map(|(r, c)| r[0] * c[0] + r[1] * c[1]).sum();
+        assert!(cost <= TOTAL * 1.2 && much[0][0] > 5.0 * much[0][1], "{much:?}");
+        assert!(rates(0.0, &[[1.0; 2]], &[COSTS])[0].iter().all(|r| r.is_finite() && *r > 0.0));
     }
 }

@@ -4,6 +4,10 @@
 //! stationary. So there is at most one way by a chain of planes (but for straight lines that all lie in one of them), and Newton's method with a line search finds it from
 //! anywhere; mirrors need no other treatment, the shortest way to a point on the same side of a plane being the mirrored one. For parallel rays along w the first distance is
 //! `<w, P_1>`, convex as well. Whether faces have borders, and whether the light is on the right sides of them, is for rays to say.
+//!
+//! Most points are reached by no light: the least way then goes through a line or a point where planes of the chain meet, and misses the segments between them. The length has a kink
+//! there, before which Newton's method sticks. That it is the least is certified by a subgradient that vanishes: with the shortest segments taken out, the points of their planes
+//! held together (which has a smooth least way), there must be a "direction" of length below 1 for each missing segment so that no point moves. What is not certified is left to softened distances.
 
 use super::shot::{Eye, Start};
 use crate::math::{DVec3, warp};
@@ -28,6 +32,8 @@ const ROUNDING: f64 = 1e-15;
 /// The share of a step that is left where it is cut short, and how often that may be.
 const SHORT: f64 = 0.125;
 const PATIENCE: usize = 2;
+/// Segments of this length over the size of the chain have a direction.
+const LONG: f64 = 1e-6;
 /// How far below 1 the length of a subgradient has to be.
 const STRICT: f64 = 1e-9;
 
@@ -49,12 +55,12 @@ impl Plane {
         Plane { p: p - self.normal() * self.normal().dot(p - self.p), ..*self }
     }
 
-    /// What this line shares with a plane: a point, or all of it.
-    fn meet_plane(&self, other: &Plane) -> Option<Plane> {
+    /// What this line shares with a plane, in a chain of this size: a point, or all of it.
+    fn meet_plane(&self, other: &Plane, size: f64) -> Option<Plane> {
         let n = other.normal();
         let (slope, off) = (n.dot(self.x), n.dot(other.p - self.p));
         if slope.abs() <= PARALLEL {
-            return (off.abs() <= IN_PLANE * self.p.length()).then_some(*self);
+            return (off.abs() <= IN_PLANE * size).then_some(*self);
         }
         Some(Plane { p: self.p + self.x * (off / slope), x: DVec3::ZERO, y: DVec3::ZERO })
     }
@@ -87,8 +93,16 @@ pub struct Planes {
     planes: Vec<Plane>,
     /// Index of refraction before each plane, and behind the last, relative to the first.
     index: Vec<f64>,
-    /// Normal of the last plane toward where light goes on, where that is known.
-    onward: Option<DVec3>,
+    onward: Onward,
+}
+
+/// To where light goes on from the last plane of a chain.
+#[derive(Clone, Copy, Debug)]
+enum Onward {
+    /// To both sides: a mirror may be met from either, by the same steps.
+    Both,
+    /// To where this normal points. The index behind an interface says from which side it is met.
+    Side(DVec3),
 }
 
 impl Planes {
@@ -116,30 +130,47 @@ impl Planes {
             }
         }
         index.push(now);
-        let onward = chain.last().zip(planes.last()).map(|(s, p)| p.normal() * p.normal().dot(s.out).signum());
+        let last = chain.last()?;
+        let onward = match scene.surfaces[scene.shapes[last.hit.shape as usize].surface as usize] {
+            Surface::Dielectric { .. } => {
+                let n = planes.last()?.normal();
+                Onward::Side(n * n.dot(last.out).signum())
+            }
+            _ => Onward::Both,
+        };
         Some(Planes { planes, index, onward })
     }
 
     /// The eye's ray to e; `o`: where one of its rays starts.
     pub fn ray(&self, eye: &Eye, o: DVec3, e: DVec3) -> Way {
         let size = (e - o).length() + self.planes.iter().map(|p| (p.p - o).length()).sum::<f64>();
-        // Nothing goes on to what lies in the last plane, as the edges of its own face do, or before it.
-        if self.onward.zip(self.planes.last()).is_some_and(|(n, p)| n.dot(e - p.p) <= IN_PLANE * size) {
+        if !self.goes_on_to(e, size) {
             return Way::None;
         }
-        // From the ray that the chain was met by: its segments are long.
+        // From the ray that the chain was met by, which misses no segment.
         let mut q = [0.0; UNKNOWNS];
         if self.dive(eye, o, e, &mut q, size) {
             return self.way(eye, o, &q);
         }
-        if self.is_kinked(eye, o, e, &q, size) {
+        if self.kink(eye, o, e, &q, size).is_some() {
             return Way::None;
         }
         self.softly(eye, o, e, size)
     }
 
-    /// The same. Where planes meet, distances may vanish and their sum has a kink that holds the iteration up. Softened ones, `√(d² + ε²)`, are convex and have none: then ε falls.
+    /// Nothing goes on to what lies in the last plane, as the edges of its own face do, or before it.
+    fn goes_on_to(&self, e: DVec3, size: f64) -> bool {
+        let Some(last) = self.planes.last() else { return false };
+        let off = e - last.p;
+        match self.onward {
+            Onward::Both => last.normal().dot(off).abs() > IN_PLANE * size,
+            Onward::Side(n) => n.dot(off) > IN_PLANE * size,
+        }
+    }
+
+    /// [`Self::ray`] where no kink is certified. Where planes meet, distances may vanish and their sum has a kink that holds the iteration up. Softened ones, `√(d² + ε²)`, are convex and have none: then ε falls.
     /// Where the least way has a segment of no length light takes no way at all.
+    // Out of line: rare, and its arrays would lie on the stack of every call of `ray`.
     #[inline(never)]
     fn softly(&self, eye: &Eye, o: DVec3, e: DVec3, size: f64) -> Way {
         let k = self.planes.len();
@@ -171,49 +202,56 @@ impl Planes {
         }
     }
 
-    /// Whether the least way misses segments, found from where the iteration stuck: the shortest ones are taken out, their planes' points held together, until the rest has a least way. The length
-    /// is convex, so that this is the least of all if 0 is a subgradient there.
+    /// Points of the least way on each plane, where it misses segments. It is found from where the iteration stuck: the shortest segments are taken out, their planes' points held together, until
+    /// the rest has a least way. The length is convex, so that this is the least of all if 0 is a subgradient there. `None`: not certified.
     #[inline(never)]
-    fn is_kinked(&self, eye: &Eye, o: DVec3, e: DVec3, stuck: &Vector, size: f64) -> bool {
+    fn kink(&self, eye: &Eye, o: DVec3, e: DVec3, stuck: &Vector, size: f64) -> Option<Vec<DVec3>> {
         let k = self.planes.len();
         let mut at: Vec<DVec3> = (0..k).map(|i| self.point(i, stuck)).collect();
         let mut groups: Vec<[usize; 2]> = (0..k).map(|i| [i, i]).collect();
         while groups.len() > 1 {
-            let between = |j: usize| (at[groups[j + 1][0]] - at[groups[j][0]]).length();
-            let Some(j) = (0..groups.len() - 1).min_by(|&i, &j| between(i).total_cmp(&between(j))) else { break };
-            let [_, last] = groups.remove(j + 1);
-            groups[j][1] = last;
-            let Some(less) = self.held_together(&groups, &at) else { return false };
+            let between = |j: &usize| (at[groups[j + 1][0]] - at[groups[*j][0]]).length();
+            let mut shortest: Vec<usize> = (0..groups.len() - 1).collect();
+            shortest.sort_by(|i, j| between(i).total_cmp(&between(j)));
+            // Two that meet nowhere stay apart.
+            let merged = |j: usize| {
+                let mut fewer = groups.clone();
+                fewer[j][1] = fewer.remove(j + 1)[1];
+                self.held_together(&fewer, &at, size).map(|less| (fewer, less))
+            };
+            let (fewer, less) = shortest.into_iter().find_map(merged)?;
+            groups = fewer;
             let mut q: Vector = [0.0; UNKNOWNS];
             let least = less.dive(eye, o, e, &mut q, size);
-            if least {
-                let way = |j: usize| {
-                    let (a, b) = less.segment(eye, o, e, &q, j);
-                    match (j, eye) {
-                        (0, Eye::Parallel(w)) => *w,
-                        _ => (b - a).normalize(),
-                    }
-                };
-                return groups.iter().enumerate().all(|(j, g)| self.is_held(*g, way(j), way(j + 1)));
-            }
             for (j, g) in groups.iter().enumerate() {
                 at[g[0]..=g[1]].fill(less.point(j, &q));
             }
+            let ways = (0..=groups.len()).map(|j| match (j, eye) {
+                (0, Eye::Parallel(w)) => Some(*w),
+                _ => {
+                    let (a, b) = less.segment(eye, o, e, &q, j);
+                    ((b - a).length() > LONG * size).then(|| (b - a).normalize())
+                }
+            });
+            // Short ones have no direction: they may be missed as well.
+            let Some(ways) = ways.collect::<Option<Vec<_>>>().filter(|_| least) else { continue };
+            let held = groups.iter().enumerate().all(|(j, g)| self.is_held(*g, ways[j], ways[j + 1]));
+            return held.then_some(at);
         }
-        false
+        None
     }
 
     /// The chain where the points of each group of planes (first, last) are one, on what the planes share; begins near `at`.
-    fn held_together(&self, groups: &[[usize; 2]], at: &[DVec3]) -> Option<Planes> {
+    fn held_together(&self, groups: &[[usize; 2]], at: &[DVec3], size: f64) -> Option<Planes> {
         let shared = |&[a, b]: &[usize; 2]| match b - a {
             0 => Some(self.planes[a].through(at[a])),
             1 => self.planes[a].meet(&self.planes[b], at[a].midpoint(at[b])),
-            2 => self.planes[a].meet(&self.planes[a + 1], at[a])?.meet_plane(&self.planes[b]),
+            2 => self.planes[a].meet(&self.planes[a + 1], at[a])?.meet_plane(&self.planes[b], size),
             _ => None,
         };
         let planes = groups.iter().map(shared).collect::<Option<_>>()?;
         let index = groups.iter().map(|g| self.index[g[0]]).chain(self.index.last().copied()).collect();
-        Some(Planes { planes, index, onward: None })
+        Some(Planes { planes, index, onward: Onward::Both })
     }
 
     /// Whether the points of a group do not part, pulled at from both sides along `from` and `to`: each vanished segment can have a "direction" v, `|v| < 1`, so that no end of it moves.
@@ -232,21 +270,23 @@ impl Planes {
                 let n = line.cross(last);
                 (g + first * ((h - g).dot(n) / first.dot(n))).length() < 1.0 - STRICT
             }
-            // Two, which pull alike along the plane between them. Across first and last they are free, within their length.
+            // Two, `v = g + s first` and `h + t last`, |s| and |t| within what keeps them short, which pull alike along the plane between: `s u - t v = off` there.
             2 => {
-                let p = &self.planes[a + 1];
-                let off = h * out - g * into;
+                let mid = self.planes[a + 1].normal();
+                let (u, v) = (flat(first, mid) * into, flat(last, mid) * out);
+                let off = flat(h * out - g * into, mid);
                 let free = |v: DVec3| (1.0 - STRICT) * (1.0 - v.length_squared()).sqrt();
-                if first.cross(last).length_squared() <= PARALLEL * PARALLEL {
-                    let across = first.cross(p.normal()).cross(p.normal()).normalize();
-                    let most = (first.dot(across) * into * free(g)).abs() + (last.dot(across) * out * free(h)).abs();
-                    return off.dot(across).abs() < most;
+                let cross = |a: DVec3, b: DVec3| mid.dot(a.cross(b));
+                let det = cross(u, v);
+                // All three have a line in common, and across it one equation is left.
+                if det.abs() <= PARALLEL * into * out {
+                    let longer = if u.length_squared() > v.length_squared() { u } else { v };
+                    let Some(across) = longer.try_normalize() else { return false };
+                    let rest = (off - across * off.dot(across)).length();
+                    let most = u.dot(across).abs() * free(g) + v.dot(across).abs() * free(h);
+                    return rest <= PARALLEL * (into + out) && off.dot(across).abs() < most;
                 }
-                let (u, v) = (first * into, last * out);
-                let det = u.dot(p.y) * v.dot(p.x) - u.dot(p.x) * v.dot(p.y);
-                let s = (off.dot(p.y) * v.dot(p.x) - off.dot(p.x) * v.dot(p.y)) / det;
-                let t = (off.dot(p.y) * u.dot(p.x) - off.dot(p.x) * u.dot(p.y)) / det;
-                s.abs() < free(g) && t.abs() < free(h)
+                (cross(off, v) / det).abs() < free(g) && (cross(off, u) / det).abs() < free(h)
             }
             _ => false,
         }
@@ -262,8 +302,7 @@ impl Planes {
         self.newton(eye, o, e, q, soft, size, usize::MAX)
     }
 
-    fn newton(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector, soft: f64, size: f64, patience: usize) -> bool {
-        let mut patience = patience;
+    fn newton(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector, soft: f64, size: f64, mut patience: usize) -> bool {
         let n = 2 * self.planes.len();
         let mut length = self.length(eye, o, e, q, soft);
         for _ in 0..200 {
@@ -275,10 +314,10 @@ impl Planes {
             // Of soft lengths no more is asked than where to begin.
             let close = if soft > 0.0 { 0.1 * soft } else { 1e-13 * size };
             let moved = |t: f64| -> Vector { std::array::from_fn(|i| from[i] - t * by[i]) };
-            // As short as rounding can tell: the step itself is still good where it is short.
-            if falls <= ROUNDING * length {
+            // As little as rounding can tell: a short step is still good.
+            if falls <= ROUNDING * length && step <= 1e-4 * size {
                 *q = moved(1.0);
-                return step <= 1e-4 * size;
+                return true;
             }
             let better = std::iter::successors(Some(1.0), |t| Some(0.5 * t)).take(40).find_map(|t| {
                 let next = moved(t);
@@ -398,108 +437,5 @@ fn solve(h: &mut Matrix, g: Vector, n: usize) -> Option<Vector> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn plane(p: DVec3, n: DVec3) -> Plane {
-        let (x, y) = warp::frame(n.normalize());
-        Plane { p, x, y }
-    }
-
-    /// Snell's law at every plane, from skew beginnings: a prism, a mirror behind glass, parallel rays.
-    #[test]
-    fn ways_obey_snells_law() {
-        let prism = Planes {
-            planes: vec![plane(DVec3::X, DVec3::new(1.0, 0.3, 0.1)), plane(DVec3::X * 2.0, DVec3::new(1.0, -0.4, 0.2))],
-            index: vec![1.0, 1.6, 1.0],
-            onward: None,
-        };
-        let mirror = Planes {
-            planes: vec![
-                plane(DVec3::X, DVec3::X),
-                plane(DVec3::X * 2.0, DVec3::new(1.0, 0.1, 0.0)),
-                plane(DVec3::X, DVec3::X),
-            ],
-            index: vec![1.0, 1.5, 1.5, 1.0],
-            onward: None,
-        };
-        // In at one side of a block, mirrored at another that meets it, out at the far side.
-        let side = DVec3::new(0.0, 0.2, 0.0);
-        let block = Planes {
-            planes: vec![plane(DVec3::X, DVec3::X), plane(side, DVec3::Y), plane(DVec3::X * 1.3, DVec3::X)],
-            index: vec![1.0, 1.5, 1.5, 1.0],
-            onward: None,
-        };
-        let o = DVec3::new(-1.0, 0.2, 0.1);
-        let eyes = [Eye::Point(o), Eye::Parallel(DVec3::new(1.0, 0.1, 0.05).normalize())];
-        let below = DVec3::new(-1.0, -0.2, 0.1);
-        let chains = [
-            (&prism, o, DVec3::new(4.0, 0.6, -0.3), &eyes[..]),
-            (&mirror, o, DVec3::new(-2.0, 0.9, 0.4), &eyes),
-            (&block, below, DVec3::new(4.0, -0.33, -0.1), &[Eye::Point(below)]),
-        ];
-        // The least way goes by the line where two of its planes meet: light does not.
-        let nowhere = DVec3::new(4.0, -0.9, -0.3);
-        assert!(matches!(block.ray(&Eye::Point(below), below, nowhere), Way::None));
-        for (chain, o, e, eyes) in chains {
-            for eye in eyes {
-                let Way::Ray(start) = chain.ray(eye, o, e) else { panic!() };
-                // Walk it.
-                let (mut at, mut w) = (start.o, start.w);
-                for (i, p) in chain.planes.iter().enumerate() {
-                    let n = p.x.cross(p.y);
-                    let t = n.dot(p.p - at) / n.dot(w);
-                    assert!(t > 0.0);
-                    at += w * t;
-                    let (n1, n2) = (chain.index[i], chain.index[i + 1]);
-                    let tangent = (w - n * n.dot(w)) * (n1 / n2);
-                    let cos = (1.0 - tangent.length_squared()).sqrt() * n.dot(w).signum();
-                    w = tangent + n * if n1 == n2 { -cos } else { cos };
-                }
-                let miss = (e - at) - w * (e - at).dot(w);
-                assert!(miss.length() < 1e-9, "{miss}");
-            }
-        }
-    }
-
-    /// Chains through the faces of a block, to points all around: what a subgradient tells is what soft lengths tell, and it is told often, by two planes and by three.
-    #[test]
-    fn kinks_are_told_by_subgradients() {
-        let faces = [-1.0, 1.0].map(|s| [DVec3::X * s, DVec3::Y * s * 0.6, DVec3::Z * s * 0.8]).concat();
-        let mut rng = crate::math::rng::Rng::keyed(5, 0, 0, 0);
-        let mut random = |n: f64| DVec3::new(rng.uniform() - 0.5, rng.uniform() - 0.5, rng.uniform() - 0.5) * n;
-        let (mut kinked, mut ways, mut left) = (0, 0, 0);
-        for i in 0..4000 {
-            let k = 2 + i % 3;
-            let mut chain: Vec<usize> = Vec::new();
-            while chain.len() < k {
-                let next = ((random(1.0).x + 0.5) * 6.0) as usize;
-                if chain.last().is_none_or(|l| l % 3 != next % 3) {
-                    chain.push(next);
-                }
-            }
-            let planes = chain.iter().map(|&f| plane(faces[f] + flat(random(1.0), faces[f]), faces[f])).collect();
-            let through = i % 2 == 0;
-            let index = (0..=k).map(|j| if j == 0 || (j == k && through) { 1.0 } else { 1.5 }).collect();
-            let planes = Planes { planes, index, onward: None };
-            let (o, e) = (DVec3::new(0.4, 3.0, 2.0) + random(1.0), random(6.0));
-            let eye = if i % 5 == 0 { Eye::Parallel(random(1.0).normalize()) } else { Eye::Point(o) };
-            let mut q = [0.0; UNKNOWNS];
-            let size = 10.0;
-            if planes.dive(&eye, o, e, &mut q, size) {
-                ways += 1;
-                assert!(!planes.is_kinked(&eye, o, e, &q, size), "{i}");
-            } else if planes.is_kinked(&eye, o, e, &q, size) {
-                assert!(!matches!(planes.softly(&eye, o, e, size), Way::Ray(_)), "{i}");
-                kinked += 1;
-            } else {
-                left += 1;
-            }
-        }
-        assert!(kinked > 2000 && ways > 100 && left < kinked / 2, "{kinked} {ways} {left}");
-    }
-
-    fn flat(p: DVec3, n: DVec3) -> DVec3 {
-        p - n * (n.dot(p) / n.length_squared())
-    }
-}
+#[path = "fermat_tests.rs"]
+mod tests;

@@ -37,7 +37,7 @@ pub struct KnownChains {
     pub share: f64,
 }
 
-/// Whether planes give back the ray that a chain was met by.
+/// Whether planes give back the ray that a chain was met by. The iteration starts at that very ray: what is asked is that it be stationary, so that indices and sides are those that light went by.
 fn finds(planes: &Planes, eye: &Eye, start: Start, chain: &[Specular]) -> bool {
     let Some(last) = chain.last() else { return false };
     let e = last.hit.p + last.out * (last.hit.p - start.o).length();
