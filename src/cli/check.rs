@@ -3,8 +3,9 @@
 use super::files;
 use super::format;
 use super::grad::tell_idle;
-use super::log::{Log, Pace};
+use super::log::Log;
 use super::options::{LogOptions, SceneOptions, StudyOptions, duration, parameters};
+use super::progress::Study;
 use super::run::{Setup, left_out, to_json};
 use clap::Args;
 use serde::Serialize;
@@ -112,8 +113,13 @@ impl CheckArgs {
             step: self.step.0,
             ..CheckOptions::default()
         };
-        let mut pace = Pace::new(log);
-        let found = check::check(&family, view, &wrt, &options, &check::ours(view), &mut |text| pace.say(text));
+        let mut study = Study::new(log, self.study.progress);
+        let mut tell = |text: String| {
+            let done = study.elapsed().as_secs_f64() / self.max_time.as_secs_f64();
+            study.say(done, text);
+        };
+        let found = check::check(&family, view, &wrt, &options, &check::ours(view), &mut tell);
+        drop(study);
         setup.stop.check()?;
         let found = found?;
         if let Some(path) = &self.sheet {

@@ -2,8 +2,9 @@
 
 use super::files;
 use super::format;
-use super::log::{Log, Pace};
+use super::log::Log;
 use super::options::{LogOptions, SceneOptions, StudyOptions, duration, parameters};
+use super::progress::Study;
 use super::run::{Setup, left_out, to_json};
 use clap::Args;
 use serde::Serialize;
@@ -96,8 +97,15 @@ impl ConvergeArgs {
         let stop = Some(setup.stop.flag());
         let view = View { sensor: setup.sensor, crop: setup.crop, terms: &self.study.terms, stop };
         let options = ConvergeOptions { seed: setup.seed, time: self.time, ablate: self.ablate };
-        let mut pace = Pace::new(log);
-        let study = converge::converge(&family, view, &wrt, &options, &given, &mut |text| pace.say(text));
+        let mut display = Study::new(log, self.study.progress);
+        // Once for the references, once for the curves.
+        let most = 2.0 * self.time.as_secs_f64();
+        let mut tell = |text: String| {
+            let done = display.elapsed().as_secs_f64() / most;
+            display.say(done, text);
+        };
+        let study = converge::converge(&family, view, &wrt, &options, &given, &mut tell);
+        drop(display);
         setup.stop.check()?;
         let study = study?;
         output::write_bytes(&csv, table_csv(&study.curves).as_bytes())?;

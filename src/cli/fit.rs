@@ -3,9 +3,10 @@
 use super::files;
 use super::fit_problem::{Given, Prepared};
 use super::format;
-use super::log::{Log, Pace};
+use super::log::Log;
 use super::loss::Loss;
 use super::options::{LogOptions, StudyOptions, definition, duration, positive};
+use super::progress::Study;
 use super::run::to_json;
 use clap::Args;
 use serde::Serialize;
@@ -158,7 +159,8 @@ impl FitArgs {
             return super::fit_reverse::run(self, &prepared, &given.settings, &targets, &folder, &health, log);
         }
         let problem = prepared.problem(&targets)?;
-        let mut pace = Pace::new(log);
+        let mut study = Study::new(log, self.study.progress);
+        let all = prepared.starts.len() * prepared.seeds.len();
         let mut runs: Vec<Recovered> = Vec::new();
         for start in &prepared.starts {
             for &seed in &prepared.seeds {
@@ -166,11 +168,13 @@ impl FitArgs {
                 let run = fit(&problem, start, seed, &health, &mut |s| {
                     let values: Vec<String> = s.values.iter().map(|&x| format::number(x)).collect();
                     let (loss, error) = (format::number(s.loss), format::number(s.error));
-                    pace.say(format!(
+                    let part = s.iteration as f64 / prepared.iterations as f64;
+                    let text = format!(
                         "run {number} iteration {}: loss {loss} +- {error} at {}",
                         s.iteration,
                         values.join(" ")
-                    ));
+                    );
+                    study.say((number as f64 - 1.0 + part) / all as f64, text);
                 })?;
                 runs.push(run);
                 // What is done is kept, whatever comes.
@@ -180,6 +184,7 @@ impl FitArgs {
                 }
             }
         }
+        drop(study);
         history::write_plots(&folder, &prepared.unknowns, &runs, &prepared.truth)?;
         let report = self.report(&prepared, &runs, &health);
         let json = to_json(&report)?;

@@ -4,7 +4,8 @@
 use super::fit::FitArgs;
 use super::fit_problem::Prepared;
 use super::format;
-use super::log::{Log, Pace};
+use super::log::Log;
+use super::progress::Study;
 use super::run::{find_sensor, to_json};
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -84,8 +85,9 @@ pub fn run(
     };
     let all: Vec<(View, String, bool)> =
         (0..p.sensor_names.len()).map(|i| (p.view_of(i), p.sensor_names[i].clone(), p.sensors.contains(&i))).collect();
-    let several = p.starts.len() * p.seeds.len() > 1;
-    let mut pace = Pace::new(log);
+    let runs = p.starts.len() * p.seeds.len();
+    let several = runs > 1;
+    let mut study = Study::new(log, args.study.progress);
     let mut done: Vec<Done> = Vec::new();
     'runs: for start in &p.starts {
         for &seed in &p.seeds {
@@ -101,7 +103,10 @@ pub fn run(
             let saved = if args.resume && place.exists() { Some(read(&place)?) } else { None };
             let (number, mut kept) = (done.len() + 1, Instant::now());
             let mut tell = |i: usize, step: &Step| {
-                pace.say(line(number, i, step, p));
+                study.say(
+                    (number as f64 - 1.0 + i as f64 / p.iterations as f64) / runs as f64,
+                    line(number, i, step, p),
+                );
                 let late = kept.elapsed() >= args.checkpoint_every;
                 if late {
                     kept = Instant::now();

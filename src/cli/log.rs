@@ -98,27 +98,6 @@ impl Log {
     }
 }
 
-/// How a long study goes on: a line each 10 s, all lines with `-v` and in the log file.
-pub struct Pace<'a> {
-    log: &'a Log,
-    spoken: Instant,
-}
-
-impl<'a> Pace<'a> {
-    pub fn new(log: &'a Log) -> Self {
-        Pace { log, spoken: Instant::now() }
-    }
-
-    pub fn say(&mut self, text: impl Display) {
-        if self.spoken.elapsed().as_secs() >= 10 {
-            self.spoken = Instant::now();
-            self.log.info(text);
-        } else {
-            self.log.detail(text);
-        }
-    }
-}
-
 /// A line on stderr; a closed stderr is nobody's loss.
 fn line(text: &str) {
     let _ = writeln!(io::stderr().lock(), "{text}");

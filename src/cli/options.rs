@@ -132,6 +132,9 @@ pub struct StudyOptions {
     /// Replace output files that exist
     #[arg(long)]
     pub overwrite: bool,
+    /// Progress display on standard error: the share used up of what the study may take at most, and its last finding
+    #[arg(long, value_enum, default_value_t = ProgressKind::Auto)]
+    pub progress: ProgressKind,
 }
 
 impl RenderOptions {

@@ -1,4 +1,4 @@
-//! Progress on stderr: how far, how fast, how noisy, how long still.
+//! Progress on stderr: of one run how far, how fast, how noisy, how long still; of a study, which is many runs, what it has found so far.
 
 use super::format;
 use super::log::Log;
@@ -33,21 +33,8 @@ pub struct Display<'a> {
 
 impl<'a> Display<'a> {
     pub fn new(log: &'a Log, kind: ProgressKind, goal: Goal) -> Self {
-        let terminal = std::io::stderr().is_terminal();
-        let kind = match kind {
-            _ if log.quiet() => ProgressKind::None,
-            ProgressKind::Auto if terminal => ProgressKind::Bar,
-            ProgressKind::Auto => ProgressKind::Plain,
-            kind => kind,
-        };
-        let bar = (kind == ProgressKind::Bar).then(|| {
-            let bar = ProgressBar::new(BAR_STEPS);
-            if let Ok(style) = ProgressStyle::with_template("{bar:30} {msg}") {
-                bar.set_style(style);
-            }
-            bar
-        });
-        log.set_bar(bar.clone());
+        let kind = kind_for(log, kind);
+        let bar = bar(log, kind, "{bar:30} {msg}");
         Display { log, kind, goal, bar, start: Instant::now(), next: AtomicU64::new(0) }
     }
 
@@ -105,10 +92,92 @@ impl<'a> Display<'a> {
 
 impl Drop for Display<'_> {
     fn drop(&mut self) {
-        self.log.set_bar(None);
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
+        clear(self.log, &self.bar);
+    }
+}
+
+/// How a study goes on. Every line goes to the log file, and to stderr with `-v`.
+pub struct Study<'a> {
+    log: &'a Log,
+    kind: ProgressKind,
+    bar: Option<ProgressBar>,
+    start: Instant,
+    spoken: Instant,
+}
+
+impl<'a> Study<'a> {
+    pub fn new(log: &'a Log, kind: ProgressKind) -> Self {
+        let kind = kind_for(log, kind);
+        let bar = bar(log, kind, "{bar:30} {elapsed} {msg}");
+        // Between two findings minutes may pass.
+        if let Some(bar) = &bar {
+            bar.enable_steady_tick(JSON_PAUSE);
         }
+        let now = Instant::now();
+        Study { log, kind, bar, start: now, spoken: now }
+    }
+
+    pub fn elapsed(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    /// What has been found; `done`: the share used up of the time, or of the iterations, that the study may take at most.
+    pub fn say(&mut self, done: f64, text: String) {
+        let done = done.clamp(0.0, 1.0);
+        if let Some(bar) = &self.bar {
+            bar.set_position((done * BAR_STEPS as f64) as u64);
+            bar.set_message(text.clone());
+        }
+        let pause = match self.kind {
+            ProgressKind::Json => JSON_PAUSE,
+            ProgressKind::Plain => PLAIN_PAUSE,
+            _ => Duration::MAX,
+        };
+        if self.spoken.elapsed() < pause {
+            return self.log.detail(text);
+        }
+        self.spoken = Instant::now();
+        if self.kind == ProgressKind::Plain {
+            return self.log.info(text);
+        }
+        let seconds = self.elapsed().as_secs_f64();
+        self.log.info(serde_json::json!({ "done": done, "elapsed_seconds": seconds, "message": text }));
+    }
+}
+
+impl Drop for Study<'_> {
+    fn drop(&mut self) {
+        clear(self.log, &self.bar);
+    }
+}
+
+/// What `auto` is here.
+fn kind_for(log: &Log, kind: ProgressKind) -> ProgressKind {
+    match kind {
+        _ if log.quiet() => ProgressKind::None,
+        ProgressKind::Auto if std::io::stderr().is_terminal() => ProgressKind::Bar,
+        ProgressKind::Auto => ProgressKind::Plain,
+        kind => kind,
+    }
+}
+
+/// A bar, where one is wanted; lines of the log go above it.
+fn bar(log: &Log, kind: ProgressKind, template: &str) -> Option<ProgressBar> {
+    let bar = (kind == ProgressKind::Bar).then(|| {
+        let bar = ProgressBar::new(BAR_STEPS);
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        bar
+    });
+    log.set_bar(bar.clone());
+    bar
+}
+
+fn clear(log: &Log, bar: &Option<ProgressBar>) {
+    log.set_bar(None);
+    if let Some(bar) = bar {
+        bar.finish_and_clear();
     }
 }
 

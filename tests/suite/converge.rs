@@ -7,7 +7,11 @@ use std::fs;
 #[test]
 fn errors_are_measured_against_a_reference() {
     let f = Folder::new();
-    let (out, _) = f.run(0, "converge fog.xml --wrt albedo --time 4s -o c.csv --json");
+    let (out, err) = f.run(0, "converge fog.xml --wrt albedo --time 4s -o c.csv --json --progress json");
+    let progress: Vec<Value> = err.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let done: Vec<f64> = progress.iter().map(|l| l["done"].as_f64().unwrap()).collect();
+    assert!(!done.is_empty() && done.is_sorted() && done.iter().all(|d| (0.0..=1.0).contains(d)), "{err}");
+    assert!(progress[0]["elapsed_seconds"].as_f64().unwrap() >= 1.0 && progress[0]["message"].is_string(), "{err}");
     let v: Value = serde_json::from_str(&out).unwrap();
     let curves = v["curves"].as_array().unwrap();
     let kinds: Vec<&str> = curves.iter().map(|c| c["kind"].as_str().unwrap()).collect();
