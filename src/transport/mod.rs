@@ -14,6 +14,7 @@ pub mod first;
 pub mod glow;
 pub mod light_centred;
 pub mod line;
+pub mod mirror;
 pub mod motion;
 pub mod pane;
 pub mod pane_motion;

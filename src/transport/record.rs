@@ -197,6 +197,14 @@ pub trait Recorder {
     fn ways(&self, _light: u32) -> Option<&Ways> {
         None
     }
+    /// Whether paths from a first vertex on this shape are walked in pairs ([`super::mirror`]).
+    fn mirrors(&self, _shape: u32) -> bool {
+        false
+    }
+    /// What a chain began with that is to go on in another way: its events so far, without what they added to the path.
+    fn chain_so_far(&self) -> Option<Vec<Event>> {
+        None
+    }
     /// `value` was added to the path's, after `order` scatterings.
     fn score(&mut self, _order: u32, _value: Rgb) {}
     /// Nothing more is wanted of this walk.
@@ -232,6 +240,8 @@ pub struct PathRecord {
     pub chunk: usize,
     /// Lights that move, by their bits, 0 for the others, and how.
     pub moving: Arc<[(u64, Ways)]>,
+    /// Shapes whose first vertices slide ([`super::mirror`]).
+    pub mirrors: Arc<[bool]>,
     /// Nothing but the motion of lights is asked for: of the path no more is kept.
     pub lights_only: bool,
     /// Legs of all chains so far ([`Opening`]).
@@ -249,6 +259,7 @@ impl PathRecord {
             candidates: None,
             chunk: CHUNK,
             moving: Arc::new([]),
+            mirrors: Arc::new([]),
             lights_only: false,
             legs: Vec::new(),
             opening: Opening::default(),
@@ -303,6 +314,25 @@ impl Recorder for PathRecord {
 
     fn ways(&self, light: u32) -> Option<&Ways> {
         self.moving.get(light as usize).map(|m| &m.1)
+    }
+
+    fn mirrors(&self, shape: u32) -> bool {
+        self.mirrors.get(shape as usize).is_some_and(|m| *m)
+    }
+
+    fn chain_so_far(&self) -> Option<Vec<Event>> {
+        // Not where it began in an earlier chunk.
+        let begin = self.events.iter().rposition(|e| matches!(e, Event::Chain))?;
+        let kept = |e: &Event| match *e {
+            Event::Span { span, .. } => Some(Event::Span { span, prefix: None }),
+            Event::Surface { surface, hit, wi, medium, prefix } => {
+                let prefix = Prefix { beta: Rgb::ZERO, ..prefix };
+                Some(Event::Surface { surface, hit, wi, medium, prefix })
+            }
+            Event::Scatter { .. } | Event::Turn { .. } | Event::Specular(_) => Some(*e),
+            _ => None,
+        };
+        Some(self.events[begin + 1..].iter().filter_map(kept).collect())
     }
 
     fn checkpoint(&mut self, scene: &Scene, state: &State) -> bool {

@@ -78,6 +78,8 @@ pub struct SweepFacts {
     /// A bit for each light that moves ([`State::left`]), 0 for the others, and how.
     lights: Arc<[(u64, Ways)]>,
     any_source: bool,
+    /// Shapes whose first vertices slide.
+    mirrors: Arc<[bool]>,
     /// No parameter changes anything but the place of lights without extent.
     lights_only: bool,
     moving: Moving,
@@ -133,7 +135,18 @@ impl SweepFacts {
         let any_source = any_source || borders.any();
         let others = params.only(|s| !scene.lights.iter().any(|l| l.place.holds(s)));
         let lights_only = !others.any_active() && !moving.any();
-        Ok(SweepFacts { media, surfaces, rough, lights, any_source, lights_only, moving, borders })
+        let slides = |i: usize| moving.field.follows() && (moving.camera || moving.moves(i as u32));
+        let mirrors = (0..scene.shapes.len()).map(slides).collect();
+        Ok(SweepFacts { mirrors, media, surfaces, rough, lights, any_source, lights_only, moving, borders })
+    }
+}
+
+impl SweepFacts {
+    /// Without mirrored paths ([`super::mirror`]): for comparison.
+    #[must_use]
+    pub fn unpaired(mut self) -> Self {
+        self.mirrors = Arc::new([]);
+        self
     }
 }
 
@@ -290,6 +303,7 @@ impl Sweep<'_> {
         });
         rec.chunk_starts.clear();
         (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
+        rec.mirrors = self.facts.mirrors.clone();
         state.aside = state.rng.beside(derivative.next_u64());
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
         let first = state.clone();

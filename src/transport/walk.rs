@@ -8,6 +8,7 @@
 //! Techniques for one light path (direction or light sampling, free flight or equi-angular) are weighted by functions of
 //! the geometry alone, so the weights sum to one whatever the tracking inside them did.
 
+use super::mirror::{self, Resume};
 use super::record::{End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use super::twin::{self, Twin};
@@ -72,6 +73,8 @@ pub struct State {
     pub twin: Option<(u32, f64)>,
     /// First surface vertex of a derivative continuation: its reflectance counts as 1.
     pub unit_reflectance: bool,
+    /// Of a mirrored path: how the walk goes on after it ([`mirror`]).
+    pub mirrored: Option<Box<Resume>>,
     /// The second chain: the unscattered part of the camera line.
     pub pending: Option<Box<State>>,
     /// Spans of the camera line up to here, and what turned it, for the records of all chains that begin with them.
@@ -134,6 +137,7 @@ impl State {
             flight: Flight::default(),
             twin: None,
             unit_reflectance: false,
+            mirrored: None,
             pending: None,
             lead: None,
             direct: true,
@@ -181,12 +185,14 @@ pub struct Walker<'a, R: Recorder> {
     pub set: &'a Settings,
     pub rec: &'a mut R,
     pub value: Rgb,
+    /// The value before a mirrored path.
+    kept: Rgb,
     pub tally: Tally,
 }
 
 impl<'a, R: Recorder> Walker<'a, R> {
     pub fn new(scene: &'a Scene, set: &'a Settings, rec: &'a mut R) -> Self {
-        Walker { scene, set, rec, value: Rgb::ZERO, tally: Tally::default() }
+        Walker { scene, set, rec, value: Rgb::ZERO, kept: Rgb::ZERO, tally: Tally::default() }
     }
 
     /// Walk to the end, or to the end of one chunk when the recorder says so.
@@ -211,13 +217,20 @@ impl<'a, R: Recorder> Walker<'a, R> {
                     self.escape(&mut s);
                     s.stage = Stage::Done;
                 }
-                Stage::Done => match s.pending.take() {
-                    Some(next) => {
-                        s = State { rng: s.rng, aside: s.aside, steps: s.steps, ..*next };
-                        camera_line::chain(self, &s);
+                Stage::Done => {
+                    let mut now = Resume::of(&s);
+                    if let Some(resume) = s.mirrored.take() {
+                        (now, self.value) = (*resume, self.kept);
                     }
-                    None => return,
-                },
+                    let Some(next) = s.pending.take() else { return };
+                    s = *next;
+                    if let Some(resume) = &mut s.mirrored {
+                        (**resume, self.kept) = (now, self.value * 2.0);
+                    } else {
+                        (s.rng, s.aside, s.steps) = (now.rng, now.aside, now.steps);
+                    }
+                    camera_line::chain(self, &s);
+                }
             }
         }
     }
@@ -379,10 +392,19 @@ impl<'a, R: Recorder> Walker<'a, R> {
             Some(w) => (w, one_minus_cos(s.w, w)),
             None => medium.phase.sample(s.w, u, v),
         };
+        let f = medium.phase.eval(m);
+        if let Some(axis) = mirror::in_medium(self, s, id).filter(|_| twin.is_none()) {
+            let to = mirror::turned(axis, w);
+            let one_minus_mu = one_minus_cos(s.w, to);
+            let other = medium.phase.eval(one_minus_mu);
+            if s.aside.uniform() * f < other {
+                let turn = Event::Turn { medium: id, one_minus_mu };
+                mirror::split(self, s, Some(turn), |s| (s.w, s.on, s.pdf_direction) = (to, On::default(), other));
+            }
+        }
         if R::ON {
             self.rec.push(Event::Turn { medium: id, one_minus_mu: m });
         }
-        let f = medium.phase.eval(m);
         s.pdf_direction = critical.density(s.o, s.drawn, w, f);
         s.twin = twin.map(|t| (t.light, twin::fly(self, s, &vertex, &t, (w, s.pdf_direction), s.rng)));
         // Weights that cones bring about: roulette must not take away the directions that were wanted.
@@ -421,6 +443,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
 
     /// Reflection at `hit`, with a connection to a light.
     fn reflect(&mut self, s: &mut State, hit: Hit) {
+        let scene = self.scene;
         let shape = &self.scene.shapes[hit.shape as usize];
         let surface = &self.scene.surfaces[shape.surface as usize];
         if surface.is_smooth() {
@@ -482,16 +505,28 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         };
         s.twin = twin;
-        if uniform > 0.0 || self.scene.least_through > 0.0 || matches!(surface, Surface::Rough(_)) {
-            s.beta *= lobe.tint * (lobe.f / lobe.pdf);
-            s.start *= facing.hidden(self.scene, w, lobe.pdf);
-        }
         s.drawn = s.drawn.map(|k| k + 1);
+        let weighed = uniform > 0.0 || self.scene.least_through > 0.0 || matches!(surface, Surface::Rough(_));
+        let leave = |s: &mut State, w: DVec3, lobe: Lobe| {
+            if weighed {
+                s.beta *= lobe.tint * (lobe.f / lobe.pdf);
+                s.start *= facing.hidden(scene, w, lobe.pdf);
+            }
+            s.pdf_direction = lobe.pdf;
+            facing.leave(s, w);
+            s.w = w;
+        };
+        if let Some(axis) = mirror::at_surface(self, s, &hit, surface).filter(|_| twin.is_none()) {
+            let to = mirror::turned(axis, w);
+            let other = facing.lobe(scene, to);
+            if other.f > 0.0 && s.aside.uniform() * lobe.pdf < other.pdf {
+                mirror::split(self, s, None, |s| leave(s, to, other));
+            }
+        }
         if R::ON {
             facing.event(w, None).into_iter().for_each(|e| self.rec.push(e));
         }
-        facing.leave(s, w);
-        s.w = w;
+        leave(s, w, lobe);
         s.stage = Stage::Fly;
         self.roulette(s);
     }

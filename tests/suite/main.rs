@@ -23,6 +23,7 @@ mod geometry;
 mod level_set;
 mod light_motion;
 mod light_shadow;
+mod mirror;
 mod motion_fields;
 mod moving_media;
 mod moving_media_differences;

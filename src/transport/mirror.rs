@@ -1,0 +1,83 @@
+//! Mirrored paths: what follows the first vertex of a camera path, in pairs whose noise cancels.
+//!
+//! The first vertex x slides on its film point's ray, by e along its face ([`super::first`]); a point y of the medium behind it does not, where it is further away than the ball that carries e. What
+//! they send each other then scores `2 <e, y-x> / |y-x|²`: odd under a half turn of y about the face's normal at x, and large where faces are small and y is near, although light from
+//! either side is nearly the same. A path that turns off about the normal by half a turn is as probable as the path itself (lobes of a diffuse surface do not know the azimuth) and takes
+//! the same random numbers, so each counts half, and the odd part is left with what light varies by between the two.
+//!
+//! Only derivatives ask for the other path; the picture's own is the first.
+
+use super::record::{Event, Recorder};
+use super::walk::{Stage, State, Walker};
+use crate::math::DVec3;
+use crate::math::rng::Rng;
+use crate::scene::nearest::Kind;
+use crate::scene::{Hit, Scene};
+use crate::shape::edges::to_border;
+use crate::surface::Surface;
+
+/// That distance, in mean free paths.
+const NEAR: f64 = 0.05;
+
+/// With what a walk goes on after the mirrored path: the streams that it had come to, and its steps.
+#[derive(Clone, Debug)]
+pub struct Resume {
+    pub rng: Rng,
+    pub aside: Rng,
+    pub steps: u64,
+}
+
+impl Resume {
+    pub fn of(s: &State) -> Resume {
+        Resume { rng: s.rng, aside: s.aside, steps: s.steps }
+    }
+}
+
+/// Whether what follows this vertex is walked in pairs at all; it depends on nothing behind it.
+fn fits<R: Recorder>(w: &Walker<R>, s: &State) -> bool {
+    let one = R::ON && s.depth == 1 && s.mirrored.is_none();
+    one && w.scene.critical.is_empty() && w.may_scatter(2)
+}
+
+/// How far away from what moves pairs are worth their time.
+fn near(w: &Scene, medium: u32, p: DVec3) -> f64 {
+    NEAR / w.media[medium as usize].coefficients(p).0.max()
+}
+
+/// The axis of pairs behind a first vertex on a surface.
+pub fn at_surface<R: Recorder>(w: &Walker<R>, s: &State, hit: &Hit, surface: &Surface) -> Option<DVec3> {
+    let medium = s.medium.filter(|_| fits(w, s) && w.rec.mirrors(hit.shape))?;
+    let diffuse = matches!(surface, Surface::Diffuse { .. });
+    let border = || to_border(&w.scene.shapes[hit.shape as usize].shape, hit.face, hit.p);
+    (diffuse && border() < near(w.scene, medium, hit.p)).then_some(hit.ns)
+}
+
+/// The axis of pairs behind a first vertex in a medium: toward the nearest of what moves.
+pub fn in_medium<R: Recorder>(w: &Walker<R>, s: &State, medium: u32) -> Option<DVec3> {
+    if !fits(w, s) {
+        return None;
+    }
+    let accept = |shape: u32, _| w.rec.mirrors(shape);
+    let found = w.scene.nearest_point(Kind::Opaque, s.o, near(w.scene, medium, s.o), &accept)?;
+    (s.o - found.p).try_normalize()
+}
+
+/// The path goes on from this state and, mirrored, from another: put that one behind this one, made to `leave`, and halve both.
+pub fn split<R: Recorder>(w: &mut Walker<R>, s: &mut State, own: Option<Event>, leave: impl FnOnce(&mut State)) {
+    let Some(lead) = w.rec.chain_so_far() else { return };
+    // By powers of two: doubled again, the picture has the same bits.
+    w.value *= 0.5;
+    s.beta *= 0.5;
+    s.start *= 0.5;
+    let mut other = s.clone();
+    leave(&mut other);
+    other.stage = Stage::Fly;
+    other.lead = Some(lead.into_iter().chain(own).collect());
+    other.mirrored = Some(Box::new(Resume::of(s)));
+    s.pending = Some(Box::new(other));
+}
+
+/// A direction, turned about the axis by half a turn.
+pub fn turned(axis: DVec3, w: DVec3) -> DVec3 {
+    axis * (2.0 * axis.dot(w)) - w
+}
