@@ -10,6 +10,8 @@ use crate::error::Result;
 use crate::light::Arrival;
 use crate::math::DVec3;
 use crate::native::embree::{Bvh, Ray, SceneBuilder, UserPrimitives};
+use crate::shape::bounds::Bounds;
+use crate::shape::edges::with_corners;
 use crate::shape::{Geometry, Shape, Start};
 use crate::surface::Normals;
 use std::sync::Arc;
@@ -97,6 +99,8 @@ pub struct Group {
     /// Shape -> Embree geometry; `u32::MAX` where it is not in Embree.
     geometry_of: Vec<u32>,
     pub(super) simple: Vec<u32>,
+    /// Their faces, with boxes around them.
+    pub(super) simple_faces: Vec<(u32, u32, Bounds)>,
 }
 
 /// More analytic shapes than this go into Embree.
@@ -136,8 +140,16 @@ impl Group {
             list.push(i);
         }
         let listed = simple.len() <= LISTED;
-        if meshes.is_empty() && listed {
-            group.simple = simple;
+        if listed {
+            for &i in &simple {
+                let shape = &shapes[i as usize].shape;
+                let bounds =
+                    |f| with_corners(shape, f, |c| c.iter().copied().collect()).unwrap_or_else(|| shape.bounds());
+                group.simple_faces.extend((0..shape.face_count()).map(|f| (i, f, bounds(f))));
+            }
+            group.simple = std::mem::take(&mut simple);
+        }
+        if meshes.is_empty() && simple.is_empty() {
             return Ok(group);
         }
         let mut builder = SceneBuilder::new()?;
@@ -148,9 +160,7 @@ impl Group {
                 group.entries.push(Entry::Mesh(i));
             }
         }
-        if listed {
-            group.simple = simple;
-        } else {
+        if !simple.is_empty() {
             let mut faces = Vec::new();
             for i in simple {
                 faces.extend((0..shapes[i as usize].shape.face_count()).map(|f| (i, f)));

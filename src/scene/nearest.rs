@@ -55,8 +55,7 @@ impl Group {
             let (shape, face) = self.face_of(n.geom, n.prim);
             Near { distance: n.distance, p: n.p, shape, face }
         });
-        let faces = self.simple.iter().flat_map(|&s| (0..shapes[s as usize].shape.face_count()).map(move |f| (s, f)));
-        let listed = faces.map(|(shape, face)| {
+        let listed = self.simple_faces.iter().map(|&(shape, face, _)| {
             let q = shapes[shape as usize].shape.nearest_on_face(face, p);
             Near { distance: q.distance(p), p: q, shape, face }
         });
@@ -72,14 +71,16 @@ impl Group {
         accept: &dyn Fn(u32, u32) -> bool,
     ) -> Option<Near> {
         let mut best: Option<Near> = None;
-        for &shape in &self.simple {
-            let geometry = &shapes[shape as usize].shape;
-            for face in 0..geometry.face_count() {
-                let q = geometry.nearest_on_face(face, p);
-                let distance = q.distance(p);
-                if distance < best.map_or(radius, |b| b.distance) && accept(shape, face) {
-                    best = Some(Near { distance, p: q, shape, face });
-                }
+        for &(shape, face, bounds) in &self.simple_faces {
+            let limit = best.map_or(radius, |b| b.distance);
+            // Corners of boxes are rounded.
+            if bounds.distance(p) > limit * (1.0 + 1e-9) {
+                continue;
+            }
+            let q = shapes[shape as usize].shape.nearest_on_face(face, p);
+            let distance = q.distance(p);
+            if distance < limit && accept(shape, face) {
+                best = Some(Near { distance, p: q, shape, face });
             }
         }
         best

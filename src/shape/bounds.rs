@@ -39,6 +39,11 @@ impl Bounds {
         (self.min - o.max).max(o.min - self.max).max(DVec3::ZERO).length()
     }
 
+    /// Distance to a point; 0 inside.
+    pub fn distance(&self, p: DVec3) -> f64 {
+        (self.min - p).max(p - self.max).max(DVec3::ZERO).length()
+    }
+
     pub fn center(&self) -> DVec3 {
         self.min + (self.max - self.min) * 0.5
     }
