@@ -155,6 +155,7 @@ pub fn run(
             }
         }
     }
+    drop(study);
     plot(&folder.join("loss.svg"), &done)?;
     let report = report(p, &problem, &done, health);
     let text = to_json(&report)?;

@@ -107,10 +107,19 @@ pub fn along_triangle(p: DVec3, [v0, v1, v2]: [DVec3; 3]) -> [DVec3; 2] {
     best.1
 }
 
+/// Squared cosine of the angle between edges that are orthogonal but for rounding.
+const SQUARE: f64 = 1e-30;
+
 /// The point of the parallelogram of corner `v` and edges `e1`, `e2` nearest to `p`.
 #[inline]
 pub fn on_parallelogram(p: DVec3, v: DVec3, e1: DVec3, e2: DVec3) -> DVec3 {
     let a = v - p;
+    let (l1, l2) = (e1.length_squared(), e2.length_squared());
+    if l1 > 0.0 && l2 > 0.0 && e1.dot(e2).powi(2) <= SQUARE * l1 * l2 {
+        // A rectangle: its coordinates are apart.
+        let [s, t] = [-a.dot(e1) / l1, -a.dot(e2) / l2].map(|s| s.clamp(0.0, 1.0));
+        return p + (a + e1 * s + e2 * t);
+    }
     let foot = foot(a, e1, e2, |s, t| s.min(t) >= 0.0 && s.max(t) <= 1.0);
     p + nearest(foot, &[(a, e1), (a, e2), (a + e2, e1), (a + e1, e2)])
 }

@@ -17,7 +17,7 @@ use crate::surface::Normals;
 use std::sync::Arc;
 
 /// A point where a ray meets a surface.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Distance along the unit direction.
     pub t: f64,

@@ -3,7 +3,8 @@
 use super::geometry::Group;
 use super::{Instance, Scene};
 use crate::math::DVec3;
-use crate::shape::Geometry;
+use crate::shape::{Bounds, Geometry};
+use smallvec::SmallVec;
 
 /// Which surfaces are asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,20 +71,29 @@ impl Group {
         radius: f64,
         accept: &dyn Fn(u32, u32) -> bool,
     ) -> Option<Near> {
-        let mut best: Option<Near> = None;
-        for &(shape, face, bounds) in &self.simple_faces {
-            let limit = best.map_or(radius, |b| b.distance);
-            // Corners of boxes are rounded.
-            if bounds.distance(p) > limit * (1.0 + 1e-9) {
+        // Corners of boxes are rounded.
+        let least = |bounds: &Bounds| bounds.distance(p) * (1.0 - 1e-9);
+        let gaps: SmallVec<[f64; 64]> = self.simple_faces.iter().map(|(_, _, bounds)| least(bounds)).collect();
+        let gap = |k: &usize| gaps[*k];
+        // The face whose box is nearest first: most others are then further away.
+        let first = (0..gaps.len()).min_by(|a, b| gap(a).total_cmp(&gap(b)))?;
+        let mut best: Option<(usize, Near)> = None;
+        for k in std::iter::once(first).chain((0..gaps.len()).filter(|k| *k != first)) {
+            let limit = best.map_or(radius, |(_, b)| b.distance);
+            if gaps[k] > limit {
                 continue;
             }
+            let (shape, face, _) = self.simple_faces[k];
             let q = shapes[shape as usize].shape.nearest_on_face(face, p);
             let distance = q.distance(p);
-            if distance < limit && accept(shape, face) {
-                best = Some(Near { distance, p: q, shape, face });
+            // Of equally near faces the first in the list.
+            let nearer =
+                best.map_or(distance < radius, |(j, b)| distance < b.distance || distance == b.distance && k < j);
+            if nearer && accept(shape, face) {
+                best = Some((k, Near { distance, p: q, shape, face }));
             }
         }
-        best
+        best.map(|(_, near)| near)
     }
 }
 

@@ -107,7 +107,7 @@ pub fn halves(m: &TriangleMesh, mut f: impl FnMut(&[Half])) {
 pub fn polygons(shape: &Shape) -> Vec<Edge> {
     match shape {
         Shape::Rectangle(r) => of_polygons(&[rectangle(r)]),
-        Shape::Cube(c) => of_polygons(&cube(c)),
+        Shape::Cube(c) => of_polygons(&std::array::from_fn::<_, 6, _>(|face| cube(c, face))),
         Shape::Mesh(_) | Shape::Sphere(_) | Shape::Disk(_) | Shape::Cylinder(_) => Vec::new(),
     }
 }
@@ -159,7 +159,7 @@ pub fn with_corners<R>(shape: &Shape, face: u32, f: impl FnOnce(&[DVec3]) -> R) 
     match shape {
         Shape::Mesh(m) => Some(f(&m.corners(face))),
         Shape::Rectangle(r) => Some(f(&rectangle(r))),
-        Shape::Cube(c) => Some(f(&cube(c)[face as usize])),
+        Shape::Cube(c) => Some(f(&cube(c, face as usize))),
         Shape::Disk(_) | Shape::Cylinder(_) | Shape::Sphere(_) => None,
     }
 }
@@ -168,15 +168,13 @@ fn rectangle(r: &Rectangle) -> [DVec3; 4] {
     [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| r.placement.point(DVec3::new(x, y, 0.0)))
 }
 
-/// Corners of the six faces, each in order around it.
-fn cube(c: &Cube) -> [[DVec3; 4]; 6] {
-    std::array::from_fn(|face| {
-        let (axis, side) = (face / 2, if face % 2 == 1 { 1.0 } else { -1.0 });
-        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| {
-            let mut p = DVec3::ZERO;
-            (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (side, x, y);
-            c.placement.point(p)
-        })
+/// Corners of a face, in order around it.
+fn cube(c: &Cube, face: usize) -> [DVec3; 4] {
+    let (axis, side) = (face / 2, if face % 2 == 1 { 1.0 } else { -1.0 });
+    [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| {
+        let mut p = DVec3::ZERO;
+        (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (side, x, y);
+        c.placement.point(p)
     })
 }
 

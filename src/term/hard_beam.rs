@@ -17,7 +17,7 @@ use crate::scene::{On, Scene};
 use crate::shape::Geometry;
 use crate::transport::beam_motion::{distance_forms, slide_forms};
 use crate::transport::chained::Starts;
-use crate::transport::first::{Met, Nth, Opening, Seen};
+use crate::transport::first::{Later, Met, Nth, Opening};
 use crate::transport::record::{Event, MediumSpan, PathRecord};
 use crate::transport::tracking;
 use crate::transport::velocity::Velocity;
@@ -96,7 +96,7 @@ impl HardBeams {
         for (k, e) in rec.events.iter().enumerate() {
             let Some((leg, nth)) = starts.next_at(k) else { continue };
             let velocity = |span: &MediumSpan, p: DVec3| match nth {
-                Nth::First => leg.line(cx.scene, cx.moving).first(&Seen::Medium { p, span: *span }).velocity,
+                Nth::First => leg.line(cx.scene, cx.moving).medium(p, span, Later::Nothing).velocity,
                 nth => cx.moving.vertex(cx.scene, &leg.first, nth, &Met::Medium(p)),
             };
             match *e {

@@ -13,7 +13,7 @@
 
 use super::aim::{Aim, Turn};
 use super::light_centred::Sight;
-use super::record::{CHAINS_OF_CHAINS, Event, MediumSpan, Recorder};
+use super::record::{Event, MediumSpan, Recorder};
 use super::transmit;
 use super::twin::Twin;
 use super::vertex::Vertex;
@@ -26,6 +26,10 @@ use std::f64::consts::PI;
 
 /// Radius of a ball over the distance from its vertex to the light.
 const BESIDE: f64 = 0.5;
+
+/// Probability of a walk around the light from each of the first two vertices of such a walk. From its (k+1)th on it is the k²th part: a walk begins
+/// 0.3 (1 + π²/6) = 0.8 others on average at most, however many vertices it has, so that their number stays finite.
+const CHAINS_OF_CHAINS: f64 = 0.3;
 
 /// Whether `y` lies in the ball of `x`.
 fn is_beside(scene: &Scene, light: u32, x: DVec3, y: DVec3) -> bool {
@@ -56,7 +60,7 @@ pub fn score<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twi
             ball(w, s, vertex, twin);
         }
         if w.may_scatter(s.depth + 2) {
-            let chains = w.rec.chains();
+            let chains = w.rec.chains(s.depth);
             if chains >= 1.0 || s.aside.uniform() < chains {
                 chain(w, s, vertex, chains.min(1.0));
             }
@@ -172,7 +176,7 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, probabi
     let mut next = State::new(own, x, sight.direction, Some(medium));
     next.aside = Rng::keyed(s.aside.next_u64(), Purpose::Motion as u64, 2, 0);
     (next.beta, next.start, next.depth) = (beta, beta.max(), s.depth + 1);
-    Aims::walk(w, light, bit, |sub| {
+    Aims::walk(w, light, bit, s.depth, |sub| {
         sub.turn(&mut next, medium);
         sub.run(next);
     });
@@ -182,14 +186,16 @@ fn chain<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, probabi
 pub(super) struct Aims<'a> {
     light: u32,
     bit: u64,
+    /// Depth of the vertex that it left.
+    from: u32,
     push: &'a mut dyn FnMut(Event),
 }
 
 impl Aims<'_> {
     /// A walk beside the path: what it scores of the light's motion goes to the path's record.
-    pub fn walk<R: Recorder>(w: &mut Walker<R>, light: u32, bit: u64, run: impl FnOnce(&mut Walker<Aims>)) {
+    pub fn walk<R: Recorder>(w: &mut Walker<R>, light: u32, bit: u64, from: u32, run: impl FnOnce(&mut Walker<Aims>)) {
         let mut push = |e| w.rec.push(e);
-        let mut aims = Aims { light, bit, push: &mut push };
+        let mut aims = Aims { light, bit, from, push: &mut push };
         let mut sub = Walker::new(w.scene, w.set, &mut aims);
         run(&mut sub);
         w.tally = w.tally.plus(&sub.tally);
@@ -217,7 +223,8 @@ impl Recorder for Aims<'_> {
     fn is_over(&self, state: &State) -> bool {
         state.left & self.bit != 0
     }
-    fn chains(&self) -> f64 {
-        CHAINS_OF_CHAINS
+    fn chains(&self, depth: u32) -> f64 {
+        let k = depth.saturating_sub(self.from + 1).max(1);
+        CHAINS_OF_CHAINS / f64::from(k).powi(2)
     }
 }

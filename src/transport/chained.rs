@@ -1,6 +1,6 @@
 //! What the events of a record mean for the motion of its chains ([`super::motion`]).
 
-use super::first::{FilmLine, First, Nth, Opening};
+use super::first::{FilmLine, First, Nth, Opening, Seen};
 use super::motion::{Chain, Chained, Moving};
 use super::ray::{MovingRay, Turned};
 use super::record::{End, Event, PathRecord};
@@ -74,7 +74,11 @@ impl Starts {
                 continue;
             }
             if let (None, Some(s)) = (before.first, opening.first) {
-                (last.first, last.place) = (line(scene, moving, &last.ray).first(&s), At::Event(k));
+                let known = list.iter().find(|l| l.begins_with(rec, &s)).map(|l| l.first.alone());
+                let Some(last) = list.last_mut() else { continue };
+                let first = known.unwrap_or_else(|| line(scene, moving, &last.ray).first(&s));
+                (last.first, last.place) = (first, At::Event(k));
+                continue;
             }
             if let (None, Some(z)) = (before.second, opening.second) {
                 (last.first, last.second) =
@@ -109,6 +113,14 @@ impl Starts {
 }
 
 impl Start {
+    /// Whether it is a leg straight from the camera to this vertex: several chains of a record may begin alike.
+    fn begins_with(&self, rec: &PathRecord, seen: &Seen) -> bool {
+        match self.place {
+            At::Event(k) => self.turned.is_none() && Seen::of(&rec.events[k]).as_ref() == Some(seen),
+            At::Before | At::Nowhere => false,
+        }
+    }
+
     pub fn line<'a>(&'a self, scene: &'a Scene, moving: &'a Moving) -> FilmLine<'a> {
         FilmLine { scene, moving, ray: &self.ray }
     }

@@ -350,6 +350,16 @@ impl Field {
         (v, rate)
     }
 
+    /// The point nearest to `y` of all shapes that move, if it is nearer than `radius`.
+    pub fn nearest_moving(&self, scene: &Scene, y: DVec3, radius: f64) -> Option<Near> {
+        self.classes.iter().fold(None, |best: Option<Near>, c| {
+            let limit = best.map_or(radius, |b| b.distance);
+            let near =
+                (c.bounds.distance(y) < limit).then(|| c.own.nearest_point(&scene.shapes, y, limit, &|_, _| true));
+            near.flatten().or(best)
+        })
+    }
+
     /// Radius of a ball around `y` that meets nothing that medium points must not cross, the named face (of a sphere, all of it) excepted.
     pub fn clearance(&self, scene: &Scene, y: DVec3, but: Option<(u32, u32)>) -> f64 {
         let limit = self.nearest_without_shape(y, f64::INFINITY).map_or(f64::INFINITY, |n| n.0);

@@ -28,7 +28,7 @@ use crate::shape::edges::to_border;
 const CLEAR: f64 = 0.9;
 
 /// Where a camera ray's first vertex is.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Seen {
     /// In a medium, on this span of the camera line.
     Medium { p: DVec3, span: MediumSpan },
@@ -37,6 +37,15 @@ pub enum Seen {
 }
 
 impl Seen {
+    /// The vertex of an event, as the first one of its leg.
+    pub fn of(e: &Event) -> Option<Seen> {
+        match *e {
+            Event::Scatter { p, span, .. } => span.map(|span| Seen::Medium { p, span }),
+            Event::Surface { hit, wi, .. } => Some(Seen::Surface { hit, w: -wi }),
+            _ => None,
+        }
+    }
+
     pub fn p(&self) -> DVec3 {
         match self {
             Seen::Medium { p, .. } => *p,
@@ -57,6 +66,27 @@ impl Met {
         match self {
             Met::Medium(p) => *p,
             Met::Surface(hit) => hit.p,
+        }
+    }
+}
+
+/// What comes after a first vertex and may lie within its reach, so that what it carries along has to be known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Later {
+    /// A path.
+    Path,
+    /// A point of this face, which it reaches only if its ray ends there.
+    Face([u32; 2]),
+    Nothing,
+}
+
+impl Later {
+    /// `face`: the one that the ray ends on.
+    fn may_follow(self, face: Option<(u32, u32, DVec3)>) -> bool {
+        match self {
+            Later::Path => true,
+            Later::Face(at) => face.is_some_and(|(shape, face, _)| [shape, face] == at),
+            Later::Nothing => false,
         }
     }
 }
@@ -103,7 +133,7 @@ impl Leg {
 impl Opening {
     /// After one more event; the leg that ends with it.
     pub fn follow(&mut self, e: &Event) -> Option<Leg> {
-        let vertex = match *e {
+        let met = match *e {
             Event::Chain => {
                 *self = Opening { legs: [self.legs[1]; 2], ..Opening::default() };
                 return None;
@@ -113,16 +143,16 @@ impl Opening {
                 *self = Opening { legs: [self.legs[0], self.legs[1] + 1], ..Opening::default() };
                 return Some(leg);
             }
-            Event::Scatter { p, span, .. } => (span.map(|span| Seen::Medium { p, span }), Met::Medium(p)),
-            Event::Surface { hit, wi, .. } => (Some(Seen::Surface { hit, w: -wi }), Met::Surface(hit)),
+            Event::Scatter { p, .. } => Met::Medium(p),
+            Event::Surface { hit, .. } => Met::Surface(hit),
             _ => return None,
         };
         if self.first.is_none() {
-            self.first = vertex.0;
+            self.first = Seen::of(e);
         } else if self.second.is_none() {
-            self.second = Some(vertex.1);
+            self.second = Some(met);
         } else {
-            self.last = Some(vertex.1);
+            self.last = Some(met);
         }
         None
     }
@@ -273,7 +303,7 @@ impl FilmLine<'_> {
     pub fn first(&self, seen: &Seen) -> First {
         match seen {
             Seen::Surface { hit, w } => self.surface(hit, *w),
-            Seen::Medium { p, span } => self.medium(*p, span),
+            Seen::Medium { p, span } => self.medium(*p, span, Later::Path),
         }
     }
 
@@ -291,7 +321,7 @@ impl FilmLine<'_> {
         first
     }
 
-    fn medium(&self, p: DVec3, span: &MediumSpan) -> First {
+    pub fn medium(&self, p: DVec3, span: &MediumSpan, later: Later) -> First {
         let Some(piece) = Piece::of(self.scene, span) else { return First::default() };
         let piece = piece.smooth_at(self.scene, (p - piece.o).dot(piece.w));
         let [a, b] = self.ends(&piece);
@@ -311,13 +341,14 @@ impl FilmLine<'_> {
             first.stretch.add(&from, -w / before);
         }
         first.turn = self.ray.turn(piece.start(), w);
-        let (v, _) = self.field().at(self.scene, p);
-        let e = first.velocity.clone().plus(-1.0, &v);
         let face = match piece.to {
             Stop::Opaque { shape, face, n } => Some((shape, face, n)),
             _ => None,
         };
-        first.excess = self.excess(p, e, face, false);
+        if later.may_follow(face) {
+            let (v, _) = self.field().at(self.scene, p);
+            first.excess = self.excess(p, first.velocity.clone().plus(-1.0, &v), face, false);
+        }
         first
     }
 
@@ -402,6 +433,12 @@ impl First {
             _ => Source::Shape { shape, face },
         };
         self.at.as_ref().map(|(x, own)| Velocity::of(source(own), *x))
+    }
+
+    /// The same vertex, of a path that has no second one yet.
+    #[must_use]
+    pub fn alone(&self) -> First {
+        First { after: None, ..self.clone() }
     }
 
     /// Whether it carries anything.

@@ -15,7 +15,7 @@
 use super::attach::InnerBorders;
 use super::beam_motion::Connection;
 use super::field::{Field, classes};
-use super::first::{FilmLine, First, Met, Nth, Seen};
+use super::first::{FilmLine, First, Later, Met, Nth};
 use super::piece::{Piece, Stop};
 use super::ray::{MovingRay, Specular, Turned};
 use super::record::{Drawn, End, MediumSpan};
@@ -278,10 +278,16 @@ impl<S: Sink> Chained<'_, S> {
         let (lead, way) = spans.split_at((via.lead as usize).min(spans.len()));
         let pieces = way.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
         // The camera's own first vertex, of this connection only.
-        let first = seen.then(|| self.first_at(via));
+        let later = match end {
+            // What light passes unchanged is nothing that the first vertex keeps off.
+            End::Shape { shape, .. } if self.scene.is_null(&self.scene.shapes[shape as usize]) => Later::Path,
+            End::Shape { shape, face, .. } => Later::Face([shape, face]),
+            _ => Later::Nothing,
+        };
+        let first = seen.then(|| self.line().medium(via.p, &via.span, later));
         let leg = Leg { tip: self.tip(end, first.as_ref().unwrap_or(self.first)), value, emitted: value, pieces };
         let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
-        v.leave(self, leg, first.as_ref());
+        v.leave(self, &leg, first.as_ref());
         v.source(self.scene.media[via.medium as usize].sigma_s_gradient(via.p), unscattered);
         self.medium_point(chain, v, value, first.as_ref(), lead);
     }
@@ -290,7 +296,7 @@ impl<S: Sink> Chained<'_, S> {
     pub fn glow(&mut self, chain: &mut Chain, via: &Drawn, value: Rgb, dark: Rgb, spans: &[MediumSpan], seen: bool) {
         let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
         v.source(self.scene.media[via.medium as usize].glow_gradient(via.p), dark);
-        let first = seen.then(|| self.first_at(via));
+        let first = seen.then(|| self.line().medium(via.p, &via.span, Later::Nothing));
         self.medium_point(chain, v, value, first.as_ref(), spans);
     }
 
@@ -318,10 +324,6 @@ impl<S: Sink> Chained<'_, S> {
             form.add(g, Rgb::channel(c, weight[c]));
         }
         turn.apply(self.scene, self.sensor, &form, self.sink);
-    }
-
-    fn first_at(&self, via: &Drawn) -> First {
-        self.line().first(&Seen::Medium { p: via.p, span: via.span })
     }
 
     /// A medium point beside the walk: the camera's own first vertex, or the end of a segment from the vertex at hand.
@@ -429,10 +431,11 @@ impl<'a> Vertex<'a> {
             leg.pieces = std::mem::take(&mut chain.pieces);
         }
         chain.pieces.clear();
-        for leg in chain.connections.drain(..).chain(next) {
+        for leg in chain.connections.iter().chain(&next) {
             after += leg.value;
             self.leave(cx, leg, first);
         }
+        chain.connections.clear();
         after
     }
 
@@ -463,7 +466,7 @@ impl<'a> Vertex<'a> {
     }
 
     /// `first`: this vertex as the path's first, if it is that.
-    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: Leg, first: Option<&First>) {
+    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: &Leg, first: Option<&First>) {
         let (x, value, scene) = (self.p(), leg.value, cx.scene);
         if let Tip::Beam(way) = leg.tip {
             return self.leave_by(cx, &scene.beams.ways[way as usize], value, &leg.pieces);

@@ -7,7 +7,7 @@ use super::aim::Aim;
 use super::first::{Leg, Opening};
 use super::pane_motion::PaneAim;
 use super::ray::Specular;
-use super::sweep::Candidates;
+use super::sweep::{Candidates, SweepFacts};
 use super::twin::Ways;
 use super::walk::{Flight, Stage, State};
 use crate::light::{Arrival, Emission};
@@ -18,15 +18,14 @@ use crate::scene::{Hit, March, On, Scene};
 use crate::surface::Normals;
 use std::sync::Arc;
 
-/// Walks around the light from a vertex of the path, and from a vertex of such a walk.
-pub(super) const CHAINS: f64 = 1.0;
-pub(super) const CHAINS_OF_CHAINS: f64 = 0.3;
+/// Walks around the light from a vertex of the path.
+const CHAINS: f64 = 1.0;
 
 /// Events held at a time, unless a test asks for less.
 pub const CHUNK: usize = 4096;
 
 /// A straight piece inside one medium.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MediumSpan {
     pub medium: u32,
     pub o: DVec3,
@@ -198,8 +197,8 @@ pub trait Recorder {
         None
     }
     /// Whether paths from a first vertex on this shape are walked in pairs ([`super::mirror`]).
-    fn mirrors(&self, _shape: u32) -> bool {
-        false
+    fn mirrors(&self) -> Option<&SweepFacts> {
+        None
     }
     /// What a chain began with that is to go on in another way: its events so far, without what they added to the path.
     fn chain_so_far(&self) -> Option<Vec<Event>> {
@@ -212,7 +211,7 @@ pub trait Recorder {
         false
     }
     /// Walks drawn around the light a vertex ([`super::beside`]), on average.
-    fn chains(&self) -> f64 {
+    fn chains(&self, _depth: u32) -> f64 {
         CHAINS
     }
     /// The stream for candidates on the camera line; `None` where none are wanted.
@@ -240,8 +239,8 @@ pub struct PathRecord {
     pub chunk: usize,
     /// Lights that move, by their bits, 0 for the others, and how.
     pub moving: Arc<[(u64, Ways)]>,
-    /// Shapes whose first vertices slide ([`super::mirror`]).
-    pub mirrors: Arc<[bool]>,
+    /// Whose first vertices slide, if paths are walked in pairs there ([`super::mirror`]).
+    pub mirrors: Option<Arc<SweepFacts>>,
     /// Nothing but the motion of lights is asked for: of the path no more is kept.
     pub lights_only: bool,
     /// Legs of all chains so far ([`Opening`]).
@@ -259,7 +258,7 @@ impl PathRecord {
             candidates: None,
             chunk: CHUNK,
             moving: Arc::new([]),
-            mirrors: Arc::new([]),
+            mirrors: None,
             lights_only: false,
             legs: Vec::new(),
             opening: Opening::default(),
@@ -316,8 +315,8 @@ impl Recorder for PathRecord {
         self.moving.get(light as usize).map(|m| &m.1)
     }
 
-    fn mirrors(&self, shape: u32) -> bool {
-        self.mirrors.get(shape as usize).is_some_and(|m| *m)
+    fn mirrors(&self) -> Option<&SweepFacts> {
+        self.mirrors.as_deref()
     }
 
     fn chain_so_far(&self) -> Option<Vec<Event>> {
@@ -329,7 +328,7 @@ impl Recorder for PathRecord {
                 let prefix = Prefix { beta: Rgb::ZERO, ..prefix };
                 Some(Event::Surface { surface, hit, wi, medium, prefix })
             }
-            Event::Scatter { .. } | Event::Turn { .. } | Event::Specular(_) => Some(*e),
+            Event::Scatter { .. } => Some(*e),
             _ => None,
         };
         Some(self.events[begin + 1..].iter().filter_map(kept).collect())

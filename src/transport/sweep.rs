@@ -28,6 +28,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
 use crate::params::{ParamSet, Sink, Slot};
+use crate::scene::nearest::{Kind, Near};
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::sensor::Sensor;
 use crate::surface::Surface;
@@ -78,8 +79,8 @@ pub struct SweepFacts {
     /// A bit for each light that moves ([`State::left`]), 0 for the others, and how.
     lights: Arc<[(u64, Ways)]>,
     any_source: bool,
-    /// Shapes whose first vertices slide.
-    mirrors: Arc<[bool]>,
+    /// Whether something slides beside which paths are walked in pairs.
+    mirrors: bool,
     /// No parameter changes anything but the place of lights without extent.
     lights_only: bool,
     moving: Moving,
@@ -135,18 +136,29 @@ impl SweepFacts {
         let any_source = any_source || borders.any();
         let others = params.only(|s| !scene.lights.iter().any(|l| l.place.holds(s)));
         let lights_only = !others.any_active() && !moving.any();
-        let slides = |i: usize| moving.field.follows() && (moving.camera || moving.moves(i as u32));
-        let mirrors = (0..scene.shapes.len()).map(slides).collect();
+        let mirrors =
+            moving.field.follows() && (0..scene.shapes.len() as u32).any(|i| moving.camera || moving.moves(i));
         Ok(SweepFacts { mirrors, media, surfaces, rough, lights, any_source, lights_only, moving, borders })
     }
-}
 
-impl SweepFacts {
     /// Without mirrored paths ([`super::mirror`]): for comparison.
     #[must_use]
-    pub fn unpaired(mut self) -> Self {
-        self.mirrors = Arc::new([]);
-        self
+    pub fn unpaired(self) -> Self {
+        SweepFacts { mirrors: false, ..self }
+    }
+
+    /// Whether first vertices on this shape slide over it.
+    pub fn slides(&self, shape: u32) -> bool {
+        self.moving.camera || self.moving.moves(shape)
+    }
+
+    /// The nearest point of all that slides, if it is nearer than `radius`.
+    pub fn nearest_sliding(&self, scene: &Scene, p: DVec3, radius: f64) -> Option<Near> {
+        if self.moving.camera {
+            scene.nearest_point(Kind::Opaque, p, radius, &|_, _| true)
+        } else {
+            self.moving.field.nearest_moving(scene, p, radius)
+        }
     }
 }
 
@@ -303,7 +315,7 @@ impl Sweep<'_> {
         });
         rec.chunk_starts.clear();
         (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
-        rec.mirrors = self.facts.mirrors.clone();
+        rec.mirrors = self.facts.mirrors.then(|| self.facts.clone());
         state.aside = state.rng.beside(derivative.next_u64());
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
         let first = state.clone();
