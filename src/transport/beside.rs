@@ -228,3 +228,16 @@ impl Recorder for Aims<'_> {
         CHAINS_OF_CHAINS / f64::from(k).powi(2)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_walk_begins_less_than_one_other() {
+        let mut push = |_| {};
+        let aims = Aims { light: 0, bit: 1, from: 3, push: &mut push };
+        let begun: f64 = (4..100_000).map(|depth| aims.chains(depth)).sum();
+        assert!(begun > CHAINS_OF_CHAINS && begun < 0.8, "{begun}");
+    }
+}

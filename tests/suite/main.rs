@@ -13,6 +13,7 @@ mod cli;
 mod converge;
 mod cuts;
 mod cylinder;
+mod dense_fog;
 mod dielectric;
 mod duality;
 mod figures;
