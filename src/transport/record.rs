@@ -1,6 +1,6 @@
 //! The record of a path: what the backward sweep needs, in the order in which it happened.
 //!
-//! A record holds one or two chains (`Event::Chain` starts one): the scattered and the unscattered part of a camera line.
+//! A record holds one or two chains (`Event::Chain` starts one), the scattered and the unscattered part of a camera line, and for each the mirrored one, if it has one ([`super::mirror`]).
 //! Memory is bounded: a path longer than `CHUNK` events keeps checkpoints, and the sweep regenerates one chunk at a time.
 
 use super::aim::Aim;

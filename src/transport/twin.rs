@@ -79,6 +79,7 @@ impl Twin {
 
     /// The same technique at the twin, in a walk of its own: `run` gets its walker, and what moves the light goes to the record.
     pub(super) fn score<R: Recorder>(&self, w: &mut Walker<R>, run: impl FnOnce(&mut Walker<Aims>)) {
+        // No vertex of it begins walks around the light, so its depth does not matter.
         Aims::walk(w, self.light, self.bit, 0, run);
     }
 }

@@ -77,7 +77,7 @@ pub struct State {
     pub mirrored: Option<Box<Resume>>,
     /// The second chain: the unscattered part of the camera line.
     pub pending: Option<Box<State>>,
-    /// Spans of the camera line up to here, and what turned it, for the records of all chains that begin with them.
+    /// Spans of the camera line up to here, and what turned it, for the records of all chains that begin with them; of a mirrored path, its chain's events up to the first vertex, too.
     pub lead: Option<Arc<[Event]>>,
     /// Nothing but smooth interfaces has turned it since the camera.
     pub direct: bool,
