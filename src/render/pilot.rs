@@ -7,11 +7,13 @@ use crate::math::Rgb;
 use crate::math::guide::{Guide, Told};
 use crate::math::rng::{Purpose, Rng};
 use crate::params::{Gauge, ParamSet};
+use crate::scene::effort;
 use crate::transport::{self, PathRecord, Sweep, Tally};
 use rayon::prelude::*;
 
-/// Paths of the pilot that sets the film's quanta.
-const PILOT: u64 = 512;
+/// Paths of the pilot that sets the film's quanta and the work of rooms, at least and at most; between them one of so many of the run's.
+const PILOT: [u64; 2] = [512, 4096];
+const OF_THE_PILOT: u64 = 64;
 /// Marks the pilot's keys in streams that it shares with the run.
 const PILOT_KEY: u64 = 1 << 63;
 /// Marks the keys of samples that guides learn from.
@@ -19,7 +21,15 @@ const GUIDE_KEY: u64 = 1 << 62;
 /// Samples that a guide learns from, round by round, at most.
 const ROUNDS: [u64; 2] = [1 << 13, 1 << 15];
 /// All of them over those of the run, at most.
-const OF_THE_RUN: f64 = 1.0 / 16.0;
+const OF_THE_RUN: f64 = 1.0 / 24.0;
+
+/// What one sample of the pilot tells.
+struct PilotSample {
+    /// Of each layer.
+    brightest: Vec<f64>,
+    interior: rooms::Told,
+    passes: Vec<[rooms::Told; 2]>,
+}
 
 impl Job<'_> {
     /// Learn where the samples of rooms are large: uniform ones first, then guided ones. Nothing depends on threads, crops or modes.
@@ -50,6 +60,60 @@ impl Job<'_> {
         }
     }
 
+    /// One sample of the pilot: a path with its derivative, and each pass of the rooms.
+    fn pilot(&self, sweep: Option<&Sweep>, rooms: Option<&Rooms>, rec: &mut PathRecord, i: u64) -> PilotSample {
+        let sensor = &self.scene.sensors[self.sensor];
+        let mut told = PilotSample {
+            brightest: vec![0.0; self.layers().len()],
+            interior: rooms::Told::default(),
+            passes: vec![Default::default(); rooms.map_or(0, |r| r.list.len())],
+        };
+        let mut rng = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX, i);
+        let x = (rng.uniform() * sensor.width as f64) as usize;
+        let y = (rng.uniform() * sensor.height as f64) as usize;
+        let (state, _) = self.state(Purpose::Pilot, x, y, i);
+        let mut tally = Tally::default();
+        let brightest = |told: &mut [f64], image: &[Rgb]| {
+            told.iter_mut().zip(image).for_each(|(s, d)| *s = s.max(finite(d.abs().max())));
+        };
+        let params = self.mode.params();
+        let ((value, work), squared) = match (sweep, params) {
+            (Some(sweep), Some(p)) => {
+                let mut sink = Gauge::new(p);
+                let d = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX - 1, i);
+                let found = effort::of(|| sweep.sample(state, d, rec, &mut sink, &mut tally));
+                brightest(&mut told.brightest[1..], &sink.forward.image);
+                (found, square(&sink.forward.image) + finite(sink.take_squares()))
+            }
+            _ => (effort::of(|| transport::sample(self.scene, &self.scene.settings, state, &mut tally)), 0.0),
+        };
+        told.interior = rooms::Told::one(squared, work);
+        brightest(&mut told.brightest[..1], &[value]);
+        let (Some(rooms), Some(p)) = (rooms, params) else { return told };
+        let mut sink = Gauge::new(p);
+        let mut image = vec![Rgb::ZERO; p.len()];
+        let key = PILOT_KEY | i;
+        for (room, passes) in told.passes.iter_mut().enumerate() {
+            for (pass, is_outward) in passes.iter_mut().zip([false, true]) {
+                let mut sum = 0.0;
+                let mut add = |c: rooms::Contribution| {
+                    for (_, w) in c.pixels {
+                        c.emit(*w, &mut sink);
+                        sink.forward.take(&mut image);
+                        sum += square(&image) + finite(sink.take_squares());
+                        brightest(&mut told.brightest[1..], &image);
+                    }
+                };
+                let ((), work) = effort::of(|| match is_outward {
+                    false => rooms.along(room, [x, y], key, 0, &mut tally, &mut add),
+                    true => _ = rooms.outward(room, key, &mut tally, &mut add),
+                });
+                *pass = rooms::Told::one(sum, work);
+            }
+        }
+        told
+    }
+
     /// Quanta of the layers from the brightest of a keyed pilot (`wide`: of the scene's emission): independent of threads,
     /// crops and modes. One value may be 2.7e8 times that; the resolution is 1.4e-17 of it.
     pub(super) fn quanta(
@@ -59,61 +123,32 @@ impl Job<'_> {
         borders: bool,
         wide: bool,
     ) -> Vec<i32> {
-        let k = self.layers().len();
-        let mut sums = vec![0.0f64; k];
-        // Over the whole film, so that a crop has the same quanta and the same bits.
         let sensor = &self.scene.sensors[self.sensor];
-        let n = PILOT.min((sensor.width * sensor.height) as u64 * 8);
-        let mut rec = PathRecord::new();
-        let mut rng = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX, 0);
-        let (mut interior, mut squares) = (0.0, vec![[0.0; 2]; rooms.as_ref().map_or(0, |r| r.list.len())]);
-        let params = self.mode.params();
-        for i in 0..n {
-            let x = (rng.uniform() * sensor.width as f64) as usize;
-            let y = (rng.uniform() * sensor.height as f64) as usize;
-            let (state, _) = self.state(Purpose::Pilot, x, y, i);
-            let mut tally = Tally::default();
-            let value = match (sweep, params) {
-                (Some(sweep), Some(p)) => {
-                    let mut sink = Gauge::new(p);
-                    let d = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX - 1, i);
-                    let v = sweep.sample(state, d, &mut rec, &mut sink, &mut tally);
-                    interior += square(&sink.forward.image) + finite(sink.take_squares());
-                    for (s, d) in sums[1..].iter_mut().zip(&sink.forward.image) {
-                        *s = f64::max(*s, finite(d.abs().max()));
-                    }
-                    v
-                }
-                _ => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
-            };
-            sums[0] = sums[0].max(finite(value.abs().max()));
-            if let (Some(rooms), Some(p)) = (rooms.as_ref(), params) {
-                let mut sink = Gauge::new(p);
-                let mut image = vec![Rgb::ZERO; p.len()];
-                for room in 0..rooms.list.len() {
-                    let mut most = |c: rooms::Contribution, square_sum: &mut f64| {
-                        for (_, w) in c.pixels {
-                            c.emit(*w, &mut sink);
-                            sink.forward.take(&mut image);
-                            *square_sum += square(&image) + finite(sink.take_squares());
-                            for (s, d) in sums[1..].iter_mut().zip(&image) {
-                                *s = f64::max(*s, finite(d.abs().max()));
-                            }
-                        }
-                    };
-                    let [along, outward] = &mut squares[room];
-                    rooms.along(room, [x, y], PILOT_KEY | i, 0, &mut tally, &mut |c| most(c, along));
-                    rooms.outward(room, PILOT_KEY | i, &mut tally, &mut |c| most(c, outward));
-                }
+        // Over the whole film, so that a crop has the same quanta and the same bits.
+        let pixels = (sensor.width * sensor.height) as u64;
+        let n = (pixels * self.spp / OF_THE_PILOT).clamp(PILOT[0], PILOT[1]).min(8 * pixels);
+        let told: Vec<PilotSample> = {
+            let rooms = rooms.as_ref();
+            (0..n).into_par_iter().map_init(PathRecord::new, |rec, i| self.pilot(sweep, rooms, rec, i)).collect()
+        };
+        let mut sums = vec![0.0f64; self.layers().len()];
+        let mut interior = rooms::Told::default();
+        let mut passes = vec![[interior; 2]; rooms.as_ref().map_or(0, |r| r.list.len())];
+        // In order, so that nothing depends on threads.
+        for t in &told {
+            sums.iter_mut().zip(&t.brightest).for_each(|(s, b)| *s = s.max(*b));
+            interior.add(&t.interior);
+            for (sum, pass) in passes.iter_mut().flatten().zip(t.passes.iter().flatten()) {
+                sum.add(pass);
             }
         }
         if let Some(rooms) = rooms {
-            rooms.set_budget(interior, &squares);
+            rooms.set_budget(interior, &passes);
         }
         // Each term may need the whole range.
-        let terms = if self.split { 1 + squares.len() + usize::from(borders) } else { 0 };
+        let terms = if self.split { 1 + passes.len() + usize::from(borders) } else { 0 };
         for _ in 0..terms {
-            sums.extend_from_within(1..k);
+            sums.extend_from_within(1..self.layers().len());
         }
         // What the pilot did not meet is taken to be of the size of the brightest emission.
         let brightest = self.scene.brightest();

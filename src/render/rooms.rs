@@ -13,19 +13,52 @@ use crate::params::{ParamSet, Sink, Slot};
 use crate::scene::Scene;
 use crate::scene::parts::Filter;
 use crate::sensor::Sensor;
-use crate::term::{COSTS, Context, EdgeForm, Motion, ROOMS, Room, Sample, rooms};
+use crate::term::{Context, EdgeForm, Motion, ROOMS, Room, Sample, rooms};
 use crate::transport::Tally;
 use smallvec::SmallVec;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-/// Samples of a room's pass for one sample of the picture: the least, where they cost what most rooms' do (as `√cost`, like the best), and the most.
+/// Samples of a room's pass for one sample of the picture: the least, where they cost [`USUAL`] (as `√cost`, like the best), and the most.
 const RATE: (f64, f64) = (1.0 / 8.0, 4.0);
+/// What a sample costs over one of the interior: often, and at least (what asks nothing of the scene takes its time as well).
+const USUAL: f64 = 0.5;
+const LEAST: f64 = 0.02;
+/// Of the interior's work a part is derivatives, which asks nothing of the scene.
+const ASKED: f64 = 0.85;
 /// What all rooms together may cost at most, in paths.
-const TOTAL: f64 = 1.6;
+const TOTAL: f64 = 2.0;
+/// What a room may have of the variance, over all else, as a pilot sees it: half of the whole, and a tenth for what it misses of the interior's tail.
+const SHARE: f64 = 1.1;
 /// Outward samples of one work item.
 pub const BLOCK: u64 = 2048;
+
+/// What a pilot told of one kind of samples: sums of their squares (of a pixel's derivative), of the squares of these, and of their work.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Told {
+    square: f64,
+    fourth: f64,
+    work: u64,
+}
+
+impl Told {
+    /// One sample.
+    pub fn one(square: f64, work: u64) -> Told {
+        Told { square, fourth: square * square, work }
+    }
+
+    pub fn add(&mut self, other: &Told) {
+        self.square += other.square;
+        self.fourth += other.fourth;
+        self.work += other.work;
+    }
+
+    /// The sum of squares and its standard error: where they have a heavy tail, most pilots see too little of it.
+    fn cautious(&self) -> f64 {
+        self.square + self.fourth.sqrt()
+    }
+}
 
 /// A number for each of a room's passes: along camera rays, outward.
 pub type Pass = [f64; 2];
@@ -75,8 +108,9 @@ impl Contribution<'_> {
     }
 }
 
-/// Samples of each pass for one of the picture. With rate r a pass has the variance `v / r` and costs `c r` ([`Room::costs`]), beside 1 for the interior, so that the least variance x cost is at
-/// `r = √(v / (interior c))`; less where all together would cost too much, and never so little that a pilot which missed something could ruin the run.
+/// Samples of each pass for one of the picture. With rate r a pass has the variance `v / r` and costs `c r`, beside 1 for the interior, so that the least variance x cost is at
+/// `r = √(v / (interior c))`; less where all together would cost too much, and never so little that a pilot which missed something could ruin the run. There a pass has the share of the
+/// variance that it has of the cost; a room that would have too much of it ([`SHARE`]) gets more.
 fn rates(interior: f64, variances: &[Pass], costs: &[Pass]) -> Vec<Pass> {
     let best = |v: f64, cost: f64| {
         let r = if interior > 0.0 { (v / (interior * cost)).sqrt() } else { 1.0 };
@@ -86,9 +120,19 @@ fn rates(interior: f64, variances: &[Pass], costs: &[Pass]) -> Vec<Pass> {
     let rates: Vec<Pass> = variances.iter().zip(costs).map(pass).collect();
     let cost: f64 = rates.iter().zip(costs).map(|(r, c)| r[0] * c[0] + r[1] * c[1]).sum();
     let scale = (TOTAL / cost).min(1.0);
-    let within = |r: f64, cost: f64, common: f64| (r * scale).clamp(RATE.0 * (common / cost).sqrt(), RATE.1);
-    let pass = |(r, c): (&Pass, &Pass)| [within(r[0], c[0], COSTS[0]), within(r[1], c[1], COSTS[1])];
-    rates.iter().zip(costs).map(pass).collect()
+    let within = |r: f64, cost: f64| (r * scale).clamp(RATE.0 * (USUAL / cost).sqrt(), RATE.1);
+    let pass = |(r, c): (&Pass, &Pass)| [within(r[0], c[0]), within(r[1], c[1])];
+    let mut rates: Vec<Pass> = rates.iter().zip(costs).map(pass).collect();
+    let share = |(v, r): (&Pass, &Pass)| v[0] / r[0] + v[1] / r[1];
+    let shares: Vec<f64> = variances.iter().zip(&rates).map(share).collect();
+    let total = interior + shares.iter().sum::<f64>();
+    for (r, share) in rates.iter_mut().zip(shares) {
+        let limit = SHARE * (total - share);
+        if interior > 0.0 && share > limit {
+            *r = r.map(|r| (r * share / limit).min(RATE.1));
+        }
+    }
+    rates
 }
 
 impl<'a> Rooms<'a> {
@@ -129,11 +173,13 @@ impl<'a> Rooms<'a> {
         })
     }
 
-    /// Share out the work, by variances and costs. `interior`, `passes`: mean squares of a pixel's derivative from one sample each, by a keyed pilot.
-    pub fn set_budget(&mut self, interior: f64, passes: &[Pass]) {
+    /// Share out the work, by variances and costs. `interior`, `passes`: of samples of a keyed pilot.
+    pub fn set_budget(&mut self, interior: Told, passes: &[[Told; 2]]) {
         let pixels = (self.sensor.width * self.sensor.height) as f64;
-        let costs: Vec<Pass> = self.list.iter().map(|r| r.costs()).collect();
-        for (k, [along, outward]) in rates(interior, passes, &costs).into_iter().enumerate() {
+        let cost = |p: &Told| (ASKED * p.work as f64 / interior.work.max(1) as f64).max(LEAST);
+        let squares: Vec<Pass> = passes.iter().map(|p| p.each_ref().map(|p| p.square)).collect();
+        let costs: Vec<Pass> = passes.iter().map(|p| p.each_ref().map(cost)).collect();
+        for (k, [along, outward]) in rates(interior.cautious(), &squares, &costs).into_iter().enumerate() {
             self.along[k] = along;
             self.outward[k] = if self.list[k].has_outward() { (outward * pixels).ceil() as u64 } else { 0 };
         }
@@ -266,15 +312,18 @@ mod tests {
     /// Dear passes get less, by the root of what they cost; so do their least rates; all together stay within their budget.
     #[test]
     fn rates_follow_variance_and_cost() {
-        let dear = [4.0 * COSTS[0], COSTS[1]];
-        let r = rates(1.0, &[[0.04, 0.09], [0.04, 0.09]], &[COSTS, dear]);
-        assert!(close(r[0][0], 0.2 / COSTS[0].sqrt()) && close(r[0][1], 0.3), "{r:?}");
+        let (cheap, dear) = ([0.3, USUAL], [1.2, USUAL]);
+        let r = rates(1.0, &[[0.04, 0.09], [0.04, 0.09]], &[cheap, dear]);
+        assert!(close(r[0][0], 0.2 / 0.3f64.sqrt()) && close(r[0][1], 0.3 / USUAL.sqrt()), "{r:?}");
         assert!(close(r[1][0], r[0][0] / 2.0) && r[1][1] == r[0][1], "{r:?}");
-        let none = rates(1.0, &[[0.0; 2]; 2], &[COSTS, dear]);
+        let none = rates(1.0, &[[0.0; 2]; 2], &[[USUAL; 2], [4.0 * USUAL, USUAL]]);
         assert!(none[0] == [RATE.0; 2] && close(none[1][0], RATE.0 / 2.0) && none[1][1] == RATE.0, "{none:?}");
-        let much = rates(1.0, &[[100.0, 1.0], [1.0, 1.0]], &[COSTS, dear]);
-        let cost: f64 = much.iter().zip([COSTS, dear]).map(|(r, c)| r[0] * c[0] + r[1] * c[1]).sum();
+        let much = rates(1.0, &[[100.0, 1.0], [1.0, 1.0]], &[cheap, dear]);
+        let cost: f64 = much.iter().zip([cheap, dear]).map(|(r, c)| r[0] * c[0] + r[1] * c[1]).sum();
         assert!(cost <= TOTAL * 1.2 && much[0][0] > 5.0 * much[0][1], "{much:?}");
-        assert!(rates(0.0, &[[1.0; 2]], &[COSTS])[0].iter().all(|r| r.is_finite() && *r > 0.0));
+        // Of the least variance x cost it would have 1.6 times the interior's variance.
+        let [one] = rates(1.0, &[[2.56, 0.0]], &[[1.0, 0.1]])[..] else { panic!() };
+        assert!(close(one[0], 2.56 / SHARE), "{one:?}");
+        assert!(rates(0.0, &[[1.0; 2]], &[[USUAL; 2]])[0].iter().all(|r| r.is_finite() && *r > 0.0));
     }
 }

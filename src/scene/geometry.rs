@@ -5,7 +5,7 @@
 //! so: a null interface is entered only from its outside medium and left only from its inside one. So
 //! coincident interfaces, cameras on a boundary and fog boxes that touch walls need no offset.
 
-use super::{Instance, March, Scene};
+use super::{Instance, March, Scene, effort};
 use crate::error::Result;
 use crate::light::Arrival;
 use crate::math::DVec3;
@@ -295,6 +295,7 @@ impl Scene {
 
     /// Nearest surface of any kind. `medium` is the medium the ray travels in.
     pub fn intersect(&self, o: DVec3, w: DVec3, t_max: f64, on: &On, medium: Option<u32>) -> Option<Hit> {
+        effort::note(1);
         let null = self.null.nearest(self, o, w, t_max, on, Medium::Inside(medium));
         let limit = null.map_or(t_max, |(t, ..)| t.max(0.0));
         // At equal distance the surface is met inside the medium; either order keeps the bookkeeping consistent.
@@ -353,6 +354,7 @@ impl Scene {
     /// The nearest opaque surface along a ray that grazes an outline: of meshes the named faces, of cylinders the named rims, of any other
     /// shape all of it is left out. The origin may lie on other things: a surface within rounding of it counts.
     pub fn opaque_past(&self, o: DVec3, w: DVec3, t_max: f64, past: &[(u32, Vec<u32>)]) -> Option<Hit> {
+        effort::note(1);
         let tolerance = self.tolerance(o);
         let mut best = self.walls_past_rims(o, w, [-tolerance, t_max], past);
         for &id in self.opaque.simple.iter().filter(|&&id| past.iter().all(|p| p.0 != id)) {
@@ -375,6 +377,7 @@ impl Scene {
     /// Whether anything opaque stands on the first `t_max` of a ray that grazes an outline, see [`Scene::opaque_past`]; nothing at
     /// the origin itself counts.
     pub fn blocked_past(&self, o: DVec3, w: DVec3, t_max: f64, past: &[(u32, Vec<u32>)]) -> bool {
+        effort::note(1);
         let tolerance = self.tolerance(o);
         let simple = |id: u32| self.shapes[id as usize].shape.intersect(o, w, tolerance, t_max, None).is_some();
         self.walls_past_rims(o, w, [tolerance, t_max], past).is_some()
@@ -427,6 +430,7 @@ impl Scene {
 
     /// Whether anything opaque stands between `p` and the light.
     pub fn opaque_blocks(&self, p: DVec3, a: &Arrival, on: &On) -> bool {
+        effort::note(1);
         let tolerance = self.tolerance(p);
         // What the light stands on, its own surface first of all, does not block.
         let t_max = self.short_of(p, a.distance);

@@ -7,6 +7,7 @@ pub mod bright;
 pub mod compile;
 pub mod critical;
 pub mod desc;
+pub mod effort;
 pub mod frame;
 pub mod geometry;
 pub mod lights;

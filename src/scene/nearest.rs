@@ -1,7 +1,7 @@
 //! The point of the scene's surfaces nearest to a point of space.
 
 use super::geometry::Group;
-use super::{Instance, Scene};
+use super::{Instance, Scene, effort};
 use crate::math::DVec3;
 use crate::shape::{Bounds, Geometry};
 use smallvec::SmallVec;
@@ -34,9 +34,11 @@ impl Group {
         radius: f64,
         accept: &dyn Fn(u32, u32) -> bool,
     ) -> Option<Near> {
+        effort::note(effort::NEAREST_LISTED);
         let listed = self.nearest_listed(shapes, p, radius, accept);
         let limit = listed.map_or(radius, |n| n.distance);
         let met = self.bvh.as_ref().and_then(|bvh| {
+            effort::note(effort::NEAREST);
             let accept = |geom, prim| {
                 let (shape, face) = self.face_of(geom, prim);
                 accept(shape, face)
@@ -52,6 +54,7 @@ impl Group {
 
     /// The nearest points of all faces that are nearer than `radius`, in the same order on every call.
     pub fn faces_within(&self, shapes: &[Instance], p: DVec3, radius: f64) -> Vec<Near> {
+        effort::note(effort::NEAREST);
         let met = self.bvh.iter().flat_map(|bvh| bvh.within(p, radius)).map(|n| {
             let (shape, face) = self.face_of(n.geom, n.prim);
             Near { distance: n.distance, p: n.p, shape, face }
@@ -73,7 +76,8 @@ impl Group {
     ) -> Option<Near> {
         // Corners of boxes are rounded.
         let least = |bounds: &Bounds| bounds.distance(p) * (1.0 - 1e-9);
-        let gaps: SmallVec<[f64; 64]> = self.simple_faces.iter().map(|(_, _, bounds)| least(bounds)).collect();
+        let mut gaps = SmallVec::<[f64; 64]>::new();
+        gaps.extend(self.simple_faces.iter().map(|(_, _, bounds)| least(bounds)));
         let gap = |k: &usize| gaps[*k];
         // The face whose box is nearest first: most others are then further away.
         let first = (0..gaps.len()).min_by(|a, b| gap(a).total_cmp(&gap(b)))?;

@@ -11,7 +11,7 @@
 
 use super::shot::{Eye, Start};
 use crate::math::{DVec3, warp};
-use crate::scene::Scene;
+use crate::scene::{Scene, effort};
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use crate::transport::ray::Specular;
@@ -303,6 +303,7 @@ impl Planes {
     }
 
     fn newton(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector, soft: f64, size: f64, mut patience: usize) -> bool {
+        effort::note(2);
         let n = 2 * self.planes.len();
         let mut length = self.length(eye, o, e, q, soft);
         for _ in 0..200 {

@@ -92,7 +92,8 @@ impl HardBeams {
         let s = camera_line::start(&mut walker, State::new(rng, o, w, cx.sensor.medium));
         walker.run(s);
         cx.tally = cx.tally.plus(&walker.tally);
-        let starts = Starts::new(cx.scene, cx.moving, &rec, Opening::default());
+        let mut starts = Starts::default();
+        starts.find(cx.scene, cx.moving, &rec, Opening::default());
         for (k, e) in rec.events.iter().enumerate() {
             let Some((leg, nth)) = starts.next_at(k) else { continue };
             let velocity = |span: &MediumSpan, p: DVec3| match nth {

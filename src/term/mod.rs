@@ -331,15 +331,7 @@ pub trait Room: Send + Sync {
     fn guided_numbers(&self) -> usize {
         0
     }
-
-    /// What a sample along a camera ray and one outward cost, roughly, over a path with its derivative.
-    fn costs(&self) -> [f64; 2] {
-        COSTS
-    }
 }
-
-/// Of most rooms.
-pub const COSTS: [f64; 2] = [0.4, 1.0];
 
 /// Names of all rooms.
 pub const ROOMS: [&str; 6] = [

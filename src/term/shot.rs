@@ -10,7 +10,7 @@
 use crate::math::fresnel::Interface;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Dual, Real, Rgb, V3, warp};
-use crate::scene::{On, Scene};
+use crate::scene::{On, Scene, effort};
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use crate::transport::line::Line;
@@ -215,6 +215,7 @@ struct Miss {
 }
 
 fn miss(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], e: DVec3) -> Option<Miss> {
+    effort::note(1);
     let (mut ray, mut last, mut length) = (eye.ray(start), None, 0.0);
     for step in chain {
         let o = ray.0.value();

@@ -456,11 +456,6 @@ impl Room for VirtualEdge {
         2
     }
 
-    /// A camera ray is shot at edges beside all that it passes.
-    fn costs(&self) -> [f64; 2] {
-        [2.3, 1.0]
-    }
-
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         let (scene, sensor) = (cx.scene, cx.sensor);
         let (eye, place) = (camera_eye(sensor), camera_place(sensor));

@@ -6,7 +6,7 @@ use super::ray::{MovingRay, Turned};
 use super::record::{End, Event, PathRecord};
 use crate::math::Rgb;
 use crate::params::Sink;
-use crate::scene::Scene;
+use crate::scene::{Scene, effort};
 
 /// A leg of a chain: its ray, and its first vertex.
 pub struct Start {
@@ -17,7 +17,7 @@ pub struct Start {
     pub ray: MovingRay,
     pub first: First,
     /// How the interface that it begins behind turned the ray before, and whether that comes straight from the camera or from another interface.
-    turned: Option<(Turned, bool)>,
+    turned: Option<Box<(Turned, bool)>>,
 }
 
 /// Where the event of a vertex is.
@@ -31,13 +31,23 @@ enum At {
 }
 
 /// The legs in some events.
+#[derive(Default)]
 pub struct Starts(Vec<Start>);
+
+/// What paths one after the other go backward with.
+#[derive(Default)]
+pub struct Backward {
+    pub starts: Starts,
+    pub chain: Chain,
+}
 
 impl Starts {
     /// `open`: how the leg that the record's events begin in has begun. Empty where nothing moves.
-    pub fn new(scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening) -> Starts {
+    pub fn find(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening) {
+        let list = &mut self.0;
+        list.clear();
         if !moving.any() {
-            return Starts(Vec::new());
+            return;
         }
         fn line<'a>(scene: &'a Scene, moving: &'a Moving, ray: &'a MovingRay) -> FilmLine<'a> {
             FilmLine { scene, moving, ray }
@@ -51,15 +61,13 @@ impl Starts {
         let place = |known: bool| if known { At::Before } else { At::Nowhere };
         let first = line(scene, moving, &ray).opening(&open);
         let (begun, second) = (place(open.first.is_some()), place(open.second.is_some()));
-        let legs = rec.events.iter().filter(|e| matches!(e, Event::Chain | Event::Specular(_))).count();
-        let mut list = Vec::with_capacity(1 + legs);
         list.push(Start { begin: 0, place: begun, second, first, ray, turned: None });
         let fresh = |begin, ray, turned| {
             let (place, second) = (At::Nowhere, At::Nowhere);
             Start { begin, place, second, first: First::default(), ray, turned }
         };
         for (k, e) in rec.events.iter().enumerate() {
-            let before = opening;
+            let begun = [opening.first.is_some(), opening.second.is_some()];
             let leg = opening.follow(e);
             if matches!(e, Event::Chain) {
                 list.push(fresh(k, moving.film_ray().clone(), None));
@@ -70,22 +78,21 @@ impl Starts {
                 let came = line(scene, moving, &last.ray).coming(&last.first, &leg);
                 let (ray, turned) = line(scene, moving, &came).turned(leg.end());
                 let straight = matches!(last.place, At::Nowhere);
-                list.push(fresh(k, ray, Some((turned, straight))));
+                list.push(fresh(k, ray, Some(Box::new((turned, straight)))));
                 continue;
             }
-            if let (None, Some(s)) = (before.first, opening.first) {
-                let known = list.iter().find(|l| l.begins_with(rec, &s)).map(|l| l.first.alone());
+            if let (false, Some(s)) = (begun[0], &opening.first) {
+                let known = list.iter().find(|l| l.begins_with(rec, s)).map(|l| l.first.alone());
                 let Some(last) = list.last_mut() else { continue };
-                let first = known.unwrap_or_else(|| line(scene, moving, &last.ray).first(&s));
+                let first = known.unwrap_or_else(|| line(scene, moving, &last.ray).first(s));
                 (last.first, last.place) = (first, At::Event(k));
                 continue;
             }
-            if let (None, Some(z)) = (before.second, opening.second) {
+            if let (false, Some(z)) = (begun[1], &opening.second) {
                 (last.first, last.second) =
-                    (line(scene, moving, &last.ray).then(std::mem::take(&mut last.first), &z), At::Event(k));
+                    (line(scene, moving, &last.ray).then(std::mem::take(&mut last.first), z), At::Event(k));
             }
         }
-        Starts(list)
     }
 
     /// The leg that event `k` belongs to, and which of its vertices comes next there.
@@ -140,11 +147,12 @@ impl Start {
             At::Nowhere => false,
         };
         let side = |first: u32, len: u32| &rec.side[first as usize..(first + len) as usize];
+        effort::note(1);
         match &rec.events[k] {
             Event::Chain => chain.clear(),
             Event::Specular(s) => {
-                let Some((turned, straight)) = &self.turned else { return };
-                cx.specular(chain, s, turned, *straight, after);
+                let Some(turn) = &self.turned else { return };
+                cx.specular(chain, s, &turn.0, turn.1, after);
             }
             Event::Emit { weight, end: End::Infinity(w), .. } if seen => cx.escape(*w, *weight),
             Event::Span { span, .. } if seen => cx.camera_span(span, &self.first, after),

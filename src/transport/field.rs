@@ -29,6 +29,7 @@ use crate::scene::geometry::Group;
 use crate::scene::nearest::{Kind, Near};
 use crate::scene::{Instance, Scene};
 use crate::shape::{Bounds, Cube, Geometry, Shape, TriangleMesh};
+use smallvec::SmallVec;
 use std::fmt;
 use std::sync::Arc;
 
@@ -162,7 +163,7 @@ impl Class {
     }
 
     /// Shares a pull out among the faces of a mesh that bends.
-    fn mix(&self, scene: &Scene, y: DVec3, nearest: &Near, whole: &Pull, pulls: &mut Vec<Pull>) {
+    fn mix(&self, scene: &Scene, y: DVec3, nearest: &Near, whole: &Pull, pulls: &mut Pulls) {
         let d = nearest.distance;
         let mut faces = self.own.faces_within(&scene.shapes, y, 2.0 * d);
         faces.retain(|n| is_solid(scene, n.shape, n.face));
@@ -226,6 +227,8 @@ struct Pull {
     along: Along,
 }
 
+type Pulls = SmallVec<[Pull; 2]>;
+
 impl Field {
     /// `bending`: shapes whose vertices move; `followed`: lights that move and take the medium around them along.
     pub fn new(scene: &Scene, class_of: Vec<Option<u32>>, bending: &[bool], followed: &[u32]) -> Result<Field> {
@@ -281,8 +284,8 @@ impl Field {
         near.min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    fn pulls(&self, scene: &Scene, y: DVec3) -> Vec<Pull> {
-        let mut pulls = Vec::new();
+    fn pulls(&self, scene: &Scene, y: DVec3) -> Pulls {
+        let mut pulls = Pulls::new();
         for class in &self.classes {
             let out = y - y.clamp(class.bounds.min, class.bounds.max);
             if out.length_squared() >= class.reach * class.reach {

@@ -203,6 +203,8 @@ pub struct Chain {
     /// Of the segment that `next` is at the end of.
     pieces: Vec<Piece>,
     connections: Vec<Leg>,
+    /// Lists that legs have given back.
+    spare: Vec<Vec<Piece>>,
 }
 
 /// What a chain is told about its scene, and the path's first vertex.
@@ -218,11 +220,26 @@ pub struct Chained<'a, S: Sink> {
     pub sink: &'a mut S,
 }
 
+fn give_back(spare: &mut Vec<Vec<Piece>>, mut pieces: Vec<Piece>) {
+    pieces.clear();
+    spare.push(pieces);
+}
+
 impl Chain {
     pub fn clear(&mut self) {
         self.next = None;
         self.pieces.clear();
-        self.connections.clear();
+        self.clear_connections();
+    }
+
+    fn clear_connections(&mut self) {
+        self.connections.drain(..).for_each(|leg| give_back(&mut self.spare, leg.pieces));
+    }
+
+    fn pieces_of(&mut self, scene: &Scene, spans: &[MediumSpan]) -> Vec<Piece> {
+        let mut pieces = self.spare.pop().unwrap_or_default();
+        pieces.extend(spans.iter().filter_map(|s| Piece::of(scene, s)));
+        pieces
     }
 
     /// A span of the segment at hand: connections that left it further on have passed it too.
@@ -261,7 +278,7 @@ impl<S: Sink> Chained<'_, S> {
 
     /// A connection over these spans.
     pub fn connect(&mut self, chain: &mut Chain, end: End, value: Rgb, spans: &[MediumSpan]) {
-        let pieces = spans.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
+        let pieces = chain.pieces_of(self.scene, spans);
         chain.connections.push(Leg { tip: self.tip(end, self.first), value, emitted: value, pieces });
     }
 
@@ -276,7 +293,7 @@ impl<S: Sink> Chained<'_, S> {
         seen: bool,
     ) {
         let (lead, way) = spans.split_at((via.lead as usize).min(spans.len()));
-        let pieces = way.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
+        let pieces = chain.pieces_of(self.scene, way);
         // The camera's own first vertex, of this connection only.
         let later = match end {
             // What light passes unchanged is nothing that the first vertex keeps off.
@@ -287,7 +304,8 @@ impl<S: Sink> Chained<'_, S> {
         let first = seen.then(|| self.line().medium(via.p, &via.span, later));
         let leg = Leg { tip: self.tip(end, first.as_ref().unwrap_or(self.first)), value, emitted: value, pieces };
         let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
-        v.leave(self, &leg, first.as_ref());
+        v.leave(self, &leg, &leg.pieces, first.as_ref());
+        give_back(&mut chain.spare, leg.pieces);
         v.source(self.scene.media[via.medium as usize].sigma_s_gradient(via.p), unscattered);
         self.medium_point(chain, v, value, first.as_ref(), lead);
     }
@@ -332,7 +350,7 @@ impl<S: Sink> Chained<'_, S> {
             v.be_first(self, first, value);
             lead.iter().for_each(|s| self.camera_span(s, first, value));
         } else {
-            let pieces = lead.iter().filter_map(|s| Piece::of(self.scene, s)).collect();
+            let pieces = chain.pieces_of(self.scene, lead);
             let tip = v.ride(self, value);
             chain.connections.push(Leg { tip, value, emitted: Rgb::ZERO, pieces });
         }
@@ -426,16 +444,12 @@ impl<'a> Vertex<'a> {
     fn leave_all<S: Sink>(&mut self, cx: &mut Chained<S>, chain: &mut Chain, is_first: bool) -> Rgb {
         let first = is_first.then_some(cx.first);
         let mut after = Rgb::ZERO;
-        let mut next = chain.next.take();
-        if let Some(leg) = &mut next {
-            leg.pieces = std::mem::take(&mut chain.pieces);
-        }
-        chain.pieces.clear();
-        for leg in chain.connections.iter().chain(&next) {
+        let connections = chain.connections.iter().map(|leg| (leg, &leg.pieces));
+        for (leg, pieces) in connections.chain(chain.next.iter().map(|leg| (leg, &chain.pieces))) {
             after += leg.value;
-            self.leave(cx, leg, first);
+            self.leave(cx, leg, pieces, first);
         }
-        chain.connections.clear();
+        chain.clear();
         after
     }
 
@@ -465,11 +479,11 @@ impl<'a> Vertex<'a> {
         connection.partials(cx, &mut self.at);
     }
 
-    /// `first`: this vertex as the path's first, if it is that.
-    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: &Leg, first: Option<&First>) {
+    /// `pieces`: of the segment; `first`: this vertex as the path's first, if it is that.
+    fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: &Leg, pieces: &[Piece], first: Option<&First>) {
         let (x, value, scene) = (self.p(), leg.value, cx.scene);
         if let Tip::Beam(way) = leg.tip {
-            return self.leave_by(cx, &scene.beams.ways[way as usize], value, &leg.pieces);
+            return self.leave_by(cx, &scene.beams.ways[way as usize], value, pieces);
         }
         let (p, w, d) = match &leg.tip {
             Tip::Surface { p, .. } | Tip::Medium { p, .. } => (*p, (*p - x).normalize(), (*p - x).length()),
@@ -512,7 +526,7 @@ impl<'a> Vertex<'a> {
             near += between.scaled(-kept);
         }
         let mut passing = Covector::default();
-        for piece in &leg.pieces {
+        for piece in pieces {
             let forms = piece.depth_forms(scene);
             for (mut form, stop, q) in [(forms[0], piece.from, piece.start()), (forms[1], piece.to, piece.end())] {
                 if let Stop::Border(n) = stop {

@@ -4,6 +4,7 @@
 //! Memory is bounded: a path longer than `CHUNK` events keeps checkpoints, and the sweep regenerates one chunk at a time.
 
 use super::aim::Aim;
+use super::chained::Backward;
 use super::first::{Leg, Opening};
 use super::pane_motion::PaneAim;
 use super::ray::Specular;
@@ -246,6 +247,8 @@ pub struct PathRecord {
     /// Legs of all chains so far ([`Opening`]).
     pub legs: Vec<Leg>,
     opening: Opening,
+    /// Kept from path to path.
+    pub(super) back: Option<Box<Backward>>,
     unused: Rng,
 }
 
@@ -262,6 +265,7 @@ impl PathRecord {
             lights_only: false,
             legs: Vec::new(),
             opening: Opening::default(),
+            back: None,
             unused: Rng::keyed(0, 0, 0, 0),
         }
     }
@@ -289,7 +293,9 @@ impl Recorder for PathRecord {
         if self.lights_only && !e.moves_a_light() {
             return;
         }
-        self.legs.extend(self.opening.follow(&e));
+        if let Some(leg) = self.opening.follow(&e) {
+            self.legs.push(leg);
+        }
         self.events.push(e);
     }
 

@@ -15,9 +15,9 @@
 
 use super::attach::InnerBorders;
 use super::border::{Borders, Place};
-use super::chained::{Start, Starts};
+use super::chained::{Backward, Start};
 use super::first::Opening;
-use super::motion::{Chain, Chained, Moving};
+use super::motion::{Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::twin::Ways;
 use super::walk::{Flight, Stage, State, Tally, Walker};
@@ -328,9 +328,10 @@ impl Sweep<'_> {
         candidates.scan(self.scene, &rec.events);
 
         // Backward: the last chunk is at hand, earlier ones are walked again.
-        let mut chain = Chain::default();
+        let mut back = rec.back.take().unwrap_or_default();
+        back.chain.clear();
         let open = rec.chunk_starts.last().map(|s| s.1).unwrap_or_default();
-        let mut after = self.backward(rec, open, Rgb::ZERO, &mut chain, sink);
+        let mut after = self.backward(rec, open, Rgb::ZERO, &mut back, sink);
         let starts = std::mem::take(&mut rec.chunk_starts);
         for k in (0..starts.len()).rev() {
             let open = if k == 0 { Opening::default() } else { starts[k - 1].1 };
@@ -342,9 +343,9 @@ impl Sweep<'_> {
             } else {
                 w.run(starts[k - 1].0.clone());
             }
-            after = self.backward(rec, open, after, &mut chain, sink);
+            after = self.backward(rec, open, after, &mut back, sink);
         }
-        rec.chunk_starts = starts;
+        (rec.chunk_starts, rec.back) = (starts, Some(back));
         self.derivative_vertex(candidates, sink, tally);
         value
     }
@@ -354,10 +355,11 @@ impl Sweep<'_> {
         rec: &PathRecord,
         open: Opening,
         mut after: Rgb,
-        chain: &mut Chain,
+        back: &mut Backward,
         sink: &mut impl Sink,
     ) -> Rgb {
-        let mut starts = Starts::new(self.scene, &self.facts.moving, rec, open);
+        let Backward { starts, chain } = back;
+        starts.find(self.scene, &self.facts.moving, rec, open);
         for (k, e) in rec.events.iter().enumerate().rev() {
             if let Some(start) = starts.at(k) {
                 let moving = &self.facts.moving;

@@ -4,7 +4,6 @@ use crate::math::{DMat3, DVec3, Rgb};
 use crate::params::{Covector, Partial, Sink, Slot};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
-use smallvec::{SmallVec, smallvec};
 
 /// What moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +47,7 @@ pub struct Velocity {
     /// Sources, a point of each, and M.
     points: Vec<(Source, DVec3, DMat3)>,
     /// Slots that are no motions (indices of refraction), each once, and what x does with them.
-    values: SmallVec<[(Slot, DVec3); 2]>,
+    values: Vec<(Slot, DVec3)>,
 }
 
 /// `Mᵀ c`.
@@ -63,12 +62,12 @@ pub(super) fn transposed(m: &DMat3, c: &Covector) -> Covector {
 impl Velocity {
     /// Of a point that goes with its source.
     pub fn of(source: Source, p: DVec3) -> Velocity {
-        Velocity { points: vec![(source, p, DMat3::IDENTITY)], values: SmallVec::new() }
+        Velocity { points: vec![(source, p, DMat3::IDENTITY)], values: Vec::new() }
     }
 
     /// What goes with a slot, `ẋ = ṡ v`.
     pub fn value(slot: Slot, v: DVec3) -> Velocity {
-        Velocity { points: Vec::new(), values: smallvec![(slot, v)] }
+        Velocity { points: Vec::new(), values: vec![(slot, v)] }
     }
 
     pub fn is_zero(&self) -> bool {
@@ -168,7 +167,7 @@ impl Velocity {
 #[derive(Clone, Debug, Default)]
 pub struct Rate {
     forms: Vec<(Source, DVec3, DVec3)>,
-    values: SmallVec<[(Slot, f64); 2]>,
+    values: Vec<(Slot, f64)>,
     spread: Vec<(u32, f64)>,
 }
 
