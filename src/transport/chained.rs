@@ -175,3 +175,7 @@ impl Start {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "chained_tests.rs"]
+mod tests;

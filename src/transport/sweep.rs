@@ -83,7 +83,7 @@ pub struct SweepFacts {
     mirrors: bool,
     /// No parameter changes anything but the place of lights without extent.
     lights_only: bool,
-    moving: Moving,
+    pub(super) moving: Moving,
     borders: Borders,
 }
 
