@@ -11,8 +11,9 @@ use crate::scene::effort;
 use crate::transport::{self, PathRecord, Sweep, Tally};
 use rayon::prelude::*;
 
-/// Paths of the pilot that sets the film's quanta and the work of rooms, at least and at most; between them one of so many of the run's.
-const PILOT: [u64; 2] = [512, 4096];
+/// Paths of the pilot that sets the film's quanta and the work of rooms, at least (but for tiny films) and at most; between them one of so many of the run's,
+/// whose size is the full film's: a crop has the same bits.
+const PILOT: [u64; 2] = [512, 1024];
 const OF_THE_PILOT: u64 = 64;
 /// Marks the pilot's keys in streams that it shares with the run.
 const PILOT_KEY: u64 = 1 << 63;
@@ -126,7 +127,7 @@ impl Job<'_> {
         let sensor = &self.scene.sensors[self.sensor];
         // Over the whole film, so that a crop has the same quanta and the same bits.
         let pixels = (sensor.width * sensor.height) as u64;
-        let n = (pixels * self.spp / OF_THE_PILOT).clamp(PILOT[0], PILOT[1]).min(8 * pixels);
+        let n = (pixels.saturating_mul(self.spp) / OF_THE_PILOT).clamp(PILOT[0], PILOT[1]).min(8 * pixels);
         let told: Vec<PilotSample> = {
             let rooms = rooms.as_ref();
             (0..n).into_par_iter().map_init(PathRecord::new, |rec, i| self.pilot(sweep, rooms, rec, i)).collect()

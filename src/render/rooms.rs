@@ -25,11 +25,11 @@ const RATE: (f64, f64) = (1.0 / 8.0, 4.0);
 /// What a sample costs over one of the interior: often, and at least (what asks nothing of the scene takes its time as well).
 const USUAL: f64 = 0.5;
 const LEAST: f64 = 0.02;
-/// Of the interior's work a part is derivatives, which asks nothing of the scene.
+/// The interior takes longer than what is counted for it says.
 const ASKED: f64 = 0.85;
-/// What all rooms together may cost at most, in paths.
+/// What all rooms together may cost at most, in paths, and any that has too much of the variance.
 const TOTAL: f64 = 2.0;
-/// What a room may have of the variance, over all else, as a pilot sees it: half of the whole, and a tenth for what it misses of the interior's tail.
+/// What a room may have of the variance, over all else: half of the whole, and a tenth because pilots are rough.
 const SHARE: f64 = 1.1;
 /// Outward samples of one work item.
 pub const BLOCK: u64 = 2048;
@@ -109,8 +109,8 @@ impl Contribution<'_> {
 }
 
 /// Samples of each pass for one of the picture. With rate r a pass has the variance `v / r` and costs `c r`, beside 1 for the interior, so that the least variance x cost is at
-/// `r = √(v / (interior c))`; less where all together would cost too much, and never so little that a pilot which missed something could ruin the run. There a pass has the share of the
-/// variance that it has of the cost; a room that would have too much of it ([`SHARE`]) gets more.
+/// `r = √(v / (interior c))`; less where all together would cost too much, and never so little that a pilot which missed something could ruin the run. At the least
+/// variance x cost a pass has the share of the variance that it has of the cost; a room that would have too much of it ([`SHARE`]) gets more, within [`TOTAL`] for itself.
 fn rates(interior: f64, variances: &[Pass], costs: &[Pass]) -> Vec<Pass> {
     let best = |v: f64, cost: f64| {
         let r = if interior > 0.0 { (v / (interior * cost)).sqrt() } else { 1.0 };
@@ -126,10 +126,10 @@ fn rates(interior: f64, variances: &[Pass], costs: &[Pass]) -> Vec<Pass> {
     let share = |(v, r): (&Pass, &Pass)| v[0] / r[0] + v[1] / r[1];
     let shares: Vec<f64> = variances.iter().zip(&rates).map(share).collect();
     let total = interior + shares.iter().sum::<f64>();
-    for (r, share) in rates.iter_mut().zip(shares) {
-        let limit = SHARE * (total - share);
-        if interior > 0.0 && share > limit {
-            *r = r.map(|r| (r * share / limit).min(RATE.1));
+    for ((r, c), share) in rates.iter_mut().zip(costs).zip(shares) {
+        let more = (share / (SHARE * (total - share))).min(TOTAL / (r[0] * c[0] + r[1] * c[1]));
+        if more > 1.0 {
+            *r = r.map(|r| (r * more).min(RATE.1));
         }
     }
     rates
@@ -323,7 +323,12 @@ mod tests {
         assert!(close(cost, TOTAL) && much[0][0] > 5.0 * much[0][1], "{much:?}");
         // Of the least variance x cost it would have 1.6 times the interior's variance.
         let [one] = rates(1.0, &[[2.56, 0.0]], &[[1.0, 0.1]])[..] else { panic!() };
-        assert!(close(one[0], 2.56 / SHARE), "{one:?}");
+        assert!(close(one[0] + 0.1 * one[1], TOTAL), "{one:?}");
+        let [one] = rates(1.0, &[[0.5, 0.5]], &[[0.5, 1.2]])[..] else { panic!() };
+        assert!(close(0.5 / one[0] + 0.5 / one[1], SHARE), "{one:?}");
+        // A room is all there is to see.
+        let [one] = rates(1e-30, &[[1.0, 0.0]], &[[2.0, 1.0]])[..] else { panic!() };
+        assert!(2.0 * one[0] + one[1] <= TOTAL * 1.2, "{one:?}");
         assert!(rates(0.0, &[[1.0; 2]], &[[USUAL; 2]])[0].iter().all(|r| r.is_finite() && *r > 0.0));
     }
 }

@@ -1,4 +1,5 @@
-//! What a thread has asked of scenes: a measure of work that is the same on every machine and in every run, so that choices may rest on it.
+//! The work of a thread: a measure that is the same on every machine and in every run, so that choices may rest on it. It is in rays with what usually goes with
+//! one: rays, nearest points, Newton solves by way of interfaces, and events that a sweep goes back over are counted, marches through grids and null interfaces are not.
 
 use std::cell::Cell;
 
@@ -11,7 +12,7 @@ pub const NEAREST_LISTED: u64 = 2;
 /// The same in a hierarchy.
 pub const NEAREST: u64 = 6;
 
-/// Adds to this thread's work, in rays with what usually goes with one.
+/// Adds to this thread's work.
 pub fn note(rays: u64) {
     ASKED.with(|a| a.set(a.get().wrapping_add(rays)));
 }

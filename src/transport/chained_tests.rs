@@ -1,4 +1,5 @@
 use super::super::first::Later;
+use super::super::motion::later;
 use super::super::{State, Sweep, SweepFacts, Tally};
 use super::*;
 use crate::math::rng::Rng;
@@ -16,7 +17,9 @@ const ROOM: &str = r#"<scene version="3.0.0"><default name="x" value="0.1"/><int
   <shape type="cube"><bsdf type="null"/><ref name="interior" id="fog"/></shape>
   <shape type="cube"><transform name="to_world"><scale value="0.3"/><rotate x="1" y="0.4" angle="30"/><translate x="$x" y="-0.3"/></transform><bsdf type="diffuse"/></shape>
   <shape type="rectangle"><transform name="to_world"><scale value="0.5"/><translate x="$x" y="0.5" z="-0.7"/></transform>
-    <emitter type="area"><rgb name="radiance" value="3"/></emitter><bsdf type="diffuse"/></shape></scene>"#;
+    <emitter type="area"><rgb name="radiance" value="3"/></emitter><bsdf type="diffuse"/></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.2"/><translate x="$x" y="-0.1" z="0.4"/></transform>
+    <emitter type="area"><rgb name="radiance" value="3"/></emitter><bsdf type="null"/></shape></scene>"#;
 
 /// What `test` is told of every path: its record, and the legs in it.
 fn with_paths(mut test: impl FnMut(&Scene, &Moving, &PathRecord, &Starts)) {
@@ -66,14 +69,10 @@ fn bare_first_vertices_lack_nothing_that_is_asked() {
     let (mut bare, mut carried) = (0, 0);
     with_paths(|scene, moving, rec, starts| {
         for (k, e) in rec.events.iter().enumerate() {
-            let Event::Connect { via: Some(via), end: End::Shape { shape, face, p, .. }, .. } = e else { continue };
-            let Some((start, Nth::First)) = starts.next_at(k) else { continue };
-            let [own, path] = [Later::Face([*shape, *face]), Later::Path]
+            let Event::Connect { via: Some(via), end, .. } = e else { continue };
+            let (End::Shape { p, .. }, Some((start, Nth::First))) = (end, starts.next_at(k)) else { continue };
+            let [own, path] = [later(scene, *end), Later::Path]
                 .map(|later| start.line(scene, moving).medium(via.p, &via.span, later));
-            assert_eq!(
-                told(&(&own.velocity, &own.stretch, &own.turn)),
-                told(&(&path.velocity, &path.stretch, &path.turn))
-            );
             let [own_point, point] = [&own, &path].map(|first| Moving::on_surface(first, *p, false));
             assert_eq!(told(&own_point), told(&point));
             bare += u32::from(path.carries() && !own.carries());

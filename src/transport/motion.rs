@@ -193,6 +193,7 @@ struct Leg {
     value: Rgb,
     /// Of that, what a lamp emits there: nobody else counts its point's Jacobian.
     emitted: Rgb,
+    /// Of a connection; the walk's own segment has its in [`Chain`].
     pieces: Vec<Piece>,
 }
 
@@ -250,6 +251,16 @@ impl Chain {
     }
 }
 
+/// What a connection's own first vertex may have to carry along.
+pub(super) fn later(scene: &Scene, end: End) -> Later {
+    match end {
+        // What light passes unchanged is nothing that the first vertex keeps off.
+        End::Shape { shape, .. } if scene.is_null(&scene.shapes[shape as usize]) => Later::Path,
+        End::Shape { shape, face, .. } => Later::Face([shape, face]),
+        _ => Later::Nothing,
+    }
+}
+
 impl<S: Sink> Chained<'_, S> {
     fn tip(&self, end: End, first: &First) -> Tip {
         match end {
@@ -295,12 +306,7 @@ impl<S: Sink> Chained<'_, S> {
         let (lead, way) = spans.split_at((via.lead as usize).min(spans.len()));
         let pieces = chain.pieces_of(self.scene, way);
         // The camera's own first vertex, of this connection only.
-        let later = match end {
-            // What light passes unchanged is nothing that the first vertex keeps off.
-            End::Shape { shape, .. } if self.scene.is_null(&self.scene.shapes[shape as usize]) => Later::Path,
-            End::Shape { shape, face, .. } => Later::Face([shape, face]),
-            _ => Later::Nothing,
-        };
+        let later = later(self.scene, end);
         let first = seen.then(|| self.line().medium(via.p, &via.span, later));
         let leg = Leg { tip: self.tip(end, first.as_ref().unwrap_or(self.first)), value, emitted: value, pieces };
         let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
