@@ -113,8 +113,12 @@ impl Contribution<'_> {
 /// variance x cost a pass has the share of the variance that it has of the cost; a room that would have too much of it ([`SHARE`]) gets more, within [`TOTAL`] for itself.
 fn rates(interior: &Told, variances: &[Pass], costs: &[Pass]) -> Vec<Pass> {
     let (interior, seen) = (interior.cautious(), interior.square);
+    // Nothing to weigh them against: rooms alone are asked for.
+    if interior == 0.0 {
+        return vec![[1.0; 2]; costs.len()];
+    }
     let best = |v: f64, cost: f64| {
-        let r = if interior > 0.0 { (v / (interior * cost)).sqrt() } else { 1.0 };
+        let r = (v / (interior * cost)).sqrt();
         if r.is_finite() { r } else { 1.0 }
     };
     let pass = |(v, c): (&Pass, &Pass)| [best(v[0], c[0]), best(v[1], c[1])];
@@ -332,6 +336,6 @@ mod tests {
         // A room is all there is to see.
         let [one] = rates(1e-30, &[[1.0, 0.0]], &[[2.0, 1.0]])[..] else { panic!() };
         assert!(2.0 * one[0] + one[1] <= TOTAL * 1.2, "{one:?}");
-        assert!(rates(0.0, &[[1.0; 2]], &[[USUAL; 2]])[0].iter().all(|r| r.is_finite() && *r > 0.0));
+        assert_eq!(rates(0.0, &[[1.0, 0.0]; 2], &[[50.0; 2]; 2]), [[1.0; 2]; 2]);
     }
 }
