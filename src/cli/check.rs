@@ -7,7 +7,7 @@ use super::log::Log;
 use super::options::{LogOptions, SceneOptions, StudyOptions, duration, parameters};
 use super::progress::Study;
 use super::run::{Setup, left_out, to_json};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -17,12 +17,14 @@ use tyndall::render::family::{Family, View};
 use tyndall::render::health::Health;
 use tyndall::render::plan::Terms;
 use tyndall::render::png::{self, Content, Exposure, Panel, Sheet};
-use tyndall::study::check::{self, CheckOptions, CheckReport, ParameterCheck, Verdict};
+use tyndall::study::check::{self, CheckOptions, CheckReport, ParameterCheck, Place, Verdict};
 
 /// Derivatives against finite differences of the renderer's own pictures, both with error bars
 ///
-/// Finite differences use common random numbers at both sides, a step from a sweep, and Richardson extrapolation; what bias
-/// the step leaves is estimated and counted as error. The derivative uses other seeds. Verdict of a parameter, over blocks of
+/// Finite differences use common random numbers at both sides and a step from a sweep. A difference is exactly the mean of the
+/// derivative over the interval of its step, and is compared with that: the derivative is taken at random places of the interval, with other seeds.
+/// With --at value (and where a parameter is at the end of what the scene takes) it is taken at the value itself, and the difference is
+/// extrapolated (Richardson); what bias its step leaves is estimated and counted as error. Verdict of a parameter, over blocks of
 /// pixels: fail where they differ significantly (false alarms: 1 in 10000 looks, two looks in a row); pass where they do not
 /// and the combined standard error is at most 2 % of mean |d|, or where both are exactly 0; else undecided.
 /// Samples are doubled until that is settled. All but pass exit 3.
@@ -36,6 +38,9 @@ pub struct CheckArgs {
     /// Step of the finite differences: auto, or a number
     #[arg(long, value_name = "auto|H", default_value = "auto", value_parser = step)]
     step: Step,
+    /// Compare means over the step's interval (no bias), or the derivative at the value
+    #[arg(long, value_name = "PLACE", value_enum, default_value_t = Where::Interval)]
+    at: Where,
     /// Draw picture, derivative, finite difference and z scores of every parameter
     #[arg(long, value_name = "SHEET.png")]
     sheet: Option<PathBuf>,
@@ -58,6 +63,12 @@ pub struct CheckArgs {
     study: StudyOptions,
     #[command(flatten)]
     pub log: LogOptions,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Where {
+    Interval,
+    Value,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -111,6 +122,10 @@ impl CheckArgs {
             max_time: self.max_time,
             block: self.block.into(),
             step: self.step.0,
+            place: match self.at {
+                Where::Interval => Place::Interval,
+                Where::Value => Place::Value,
+            },
             ..CheckOptions::default()
         };
         let mut study = Study::new(log, self.study.progress);
@@ -176,7 +191,7 @@ impl CheckArgs {
 fn table(found: &CheckReport) -> String {
     let heads: [&[&str]; 2] = [
         &["parameter", "verdict", "error", "max |z|", "limit", "chi2/n", "limit"],
-        &["step", "spp", "spp of fd", "pixels", "time"],
+        &["at", "spp", "spp of fd", "pixels", "time"],
     ];
     let mut rows = vec![heads.concat().into_iter().map(String::from).collect()];
     for p in &found.parameters {
@@ -189,7 +204,13 @@ fn table(found: &CheckReport) -> String {
             format!("{:.2}", p.blocks.max_z_threshold),
             format!("{chi:.2}"),
             format!("{:.2}", p.blocks.chi_square_threshold / p.blocks.degrees_of_freedom),
-            format::number(p.step),
+            // Over an interval, or at the value, by this step.
+            format!(
+                "{} {} {}",
+                format::number(p.value),
+                if p.interval.is_some() { "+-" } else { "step" },
+                format::number(p.step)
+            ),
             format!("{}", p.spp_ours),
             format!("{}", p.spp_differences),
             format!("{} fail of {}", p.pixels.fail, p.pixels.places),

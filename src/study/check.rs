@@ -1,5 +1,9 @@
 //! The derivative against finite differences of the renderer's own pictures, with error bars on both sides.
 //!
+//! A difference is the mean of the derivative over the interval of its step: that is what it is compared with ([`super::interval`]), without any bias. Where the scene takes values on
+//! one side only (an albedo of 1), or where it is asked for, an extrapolated difference is compared with the derivative at the value itself, and what bias the step leaves is
+//! estimated and counted as error.
+//!
 //! Rounds of both estimators, with seeds of their own, are compared over blocks (the verdict) and over pixels (counts).
 //! Samples are doubled where the error is larger until the comparison is sharp enough or disagreement is certain:
 //!
@@ -10,6 +14,7 @@
 
 use super::agreement::{Agreement, scores};
 use super::differences::{At, Bias, Difference, Side};
+use super::interval::{Interval, STRATA, widest};
 use super::rounds::{Blocks, Rounds, mean};
 use super::sweep::{self, Rung};
 use crate::error::{Error, Result};
@@ -40,6 +45,18 @@ pub struct CheckOptions {
     pub tolerance: f64,
     /// A fixed step instead of a sweep.
     pub step: Option<f64>,
+    /// Where derivative and difference are compared.
+    pub place: Place,
+}
+
+/// Of a comparison.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Place {
+    /// Over the interval of the step, as means; at the value where that is the end of what the scene takes.
+    #[default]
+    Interval,
+    /// At the value, by extrapolated differences.
+    Value,
 }
 
 impl Default for CheckOptions {
@@ -52,6 +69,7 @@ impl Default for CheckOptions {
             block: 8,
             tolerance: 0.02,
             step: None,
+            place: Place::default(),
         }
     }
 }
@@ -89,6 +107,8 @@ pub struct ParameterCheck {
     pub verdict: Verdict,
     pub side: Side,
     pub step: f64,
+    /// What derivative and difference are means over; none where they are taken at the value.
+    pub interval: Option<[f64; 2]>,
     /// Root mean square over blocks of the extrapolated difference's own bias, at most.
     pub step_bias: f64,
     /// Root mean square standard errors of blocks.
@@ -166,12 +186,23 @@ impl Stock {
     fn spp(&self) -> f64 {
         self.pixels[0].samples
     }
+
+    /// Of differences: what bias the step leaves at each place.
+    fn biases(&self, rounds: impl Fn(&Stock) -> &[Rounds]) -> Vec<f64> {
+        match rounds(self) {
+            [own] => vec![0.0; own.mean.len()],
+            [_, rest, ..] => Bias::places(rest),
+            [] => Vec::new(),
+        }
+    }
 }
 
 /// A parameter's comparison so far.
 struct Trial<'a> {
     k: usize,
     at: At<'a>,
+    /// Means over an interval: the derivative's own rounds.
+    over: Option<(Interval<'a>, Stock)>,
     side: Side,
     rungs: Vec<Rung>,
     difference: Difference,
@@ -232,36 +263,46 @@ pub fn check(
             rest -= 1;
         }
     }
+    let own =
+        std::iter::once(&ours).chain(trials.iter().filter_map(|t| Some(&t.over.as_ref()?.1))).filter(|s| s.next > 0);
+    let picture = own.clone().next().map(|s| s.pixels[0].mean.clone()).unwrap_or_default();
+    let own: f64 = own.map(Stock::spp).sum();
     let taken: f64 = parameters.iter().map(|p| p.spp_differences * p.pictures as f64).sum();
     let verdict = [Verdict::Fail, Verdict::Undecided].into_iter().find(|v| parameters.iter().any(|p| p.verdict == *v));
     Ok(CheckReport {
         verdict: verdict.unwrap_or(Verdict::Pass),
         parameters,
-        picture: ours.pixels[0].mean.clone(),
+        picture,
         health: bench.health,
-        samples: ((taken + ours.spp()) * view.pixels() as f64) as u64,
+        samples: ((taken + own) * view.pixels() as f64) as u64,
         seconds: start.elapsed().as_secs_f64(),
     })
 }
 
 impl Bench<'_> {
-    fn more_of_ours(&self, side: &mut Stock) -> Result<()> {
-        let run = |spp, round| {
-            let seed = stream(self.options.seed, 1, round);
-            (self.estimator)(&self.member, &self.params, spp, seed, &self.health)
-        };
-        side.grow(&self.blocks, self.first, run)
+    fn more_of_ours(&self, over: Option<Interval>, side: &mut Stock) -> Result<()> {
+        let seed = self.options.seed;
+        match over {
+            Some(interval) => side.grow(&self.blocks, self.first * STRATA, |spp, round| {
+                interval.round(self.estimator, spp, seed, round, &self.health)
+            }),
+            None => side.grow(&self.blocks, self.first, |spp, round| {
+                (self.estimator)(&self.member, &self.params, spp, stream(seed, 1, round), &self.health)
+            }),
+        }
     }
 
     fn begin<'b>(&'b self, k: usize, name: &'b str, say: &mut dyn FnMut(String)) -> Result<Trial<'b>> {
         let start = Instant::now();
         let value = self.member.desc.params[self.member.desc.wrt(name)?].value;
         let at = At { family: self.family, name, value };
-        let (side, step, rungs) = self.step(&at, say)?;
-        let difference = Difference::extrapolated(&at, side, step)?;
+        let (side, step, rungs, means) = self.step(&at, say)?;
+        let difference =
+            if means { Difference::plain(&at, side, step)? } else { Difference::extrapolated(&at, side, step)? };
+        let over = means.then(|| (Interval { at, step }, Stock::new(2)));
         let seconds = start.elapsed().as_secs_f64();
-        let theirs = Stock::new(2);
-        Ok(Trial { k, at, side, rungs, difference, theirs, generation: 0, suspicious: false, seconds })
+        let theirs = Stock::new(difference.functionals());
+        Ok(Trial { k, at, over, side, rungs, difference, theirs, generation: 0, suspicious: false, seconds })
     }
 
     /// Go on with a parameter until it is decided or the time is over.
@@ -274,19 +315,24 @@ impl Bench<'_> {
     ) -> Result<ParameterCheck> {
         let (start, o) = (Instant::now(), self.options);
         let deadline = start + time;
-        let Trial { k, at, side, rungs, difference, theirs, generation, suspicious, seconds } = trial;
-        let (k, side, name) = (*k, *side, at.name);
+        let Trial { k, at, over, side, rungs, difference, theirs, generation, suspicious, seconds } = trial;
+        let (side, name) = (*side, at.name);
+        // The derivative's rounds, and its layer there.
+        let (interval, ours, layer) = match over {
+            Some((interval, own)) => (Some(*interval), own, 1),
+            None => (None, ours, *k + 1),
+        };
         loop {
             if ours.next == 0 {
-                self.more_of_ours(ours)?;
+                self.more_of_ours(interval, ours)?;
             }
             if theirs.next == 0 {
                 self.more_of_theirs(difference, theirs, *generation)?;
             }
-            let biases = Bias::places(&theirs.blocks[1]);
+            let biases = theirs.biases(|s| &s.blocks);
             let bias = mean(biases.iter().map(|b| b.abs()));
-            let blocks = Agreement::new(&ours.blocks[k + 1], &theirs.blocks[0], &biases, o.tolerance);
-            let errors = [ours.blocks[k + 1].mean_error(), theirs.blocks[0].mean_error()];
+            let blocks = Agreement::new(&ours.blocks[layer], &theirs.blocks[0], &biases, o.tolerance);
+            let errors = [ours.blocks[layer].mean_error(), theirs.blocks[0].mean_error()];
             say(format!(
                 "{name}: error {:.2} % of mean |d| (ours {:.2}, differences {:.2}, step bias {:.2}), max |z| {:.2}",
                 100.0 * blocks.relative_error,
@@ -306,8 +352,8 @@ impl Bench<'_> {
                 _ => None,
             };
             if let Some(verdict) = verdict {
-                let (a, b) = (&ours.pixels[k + 1], &theirs.pixels[0]);
-                let biases = Bias::places(&theirs.pixels[1]);
+                let (a, b) = (&ours.pixels[layer], &theirs.pixels[0]);
+                let biases = theirs.biases(|s| &s.pixels);
                 *seconds += start.elapsed().as_secs_f64();
                 return Ok(ParameterCheck {
                     name: name.into(),
@@ -315,6 +361,7 @@ impl Bench<'_> {
                     verdict,
                     side,
                     step: difference.step,
+                    interval: interval.map(|i| i.ends()),
                     step_bias: bias,
                     error_ours: errors[0],
                     error_differences: errors[1],
@@ -333,13 +380,13 @@ impl Bench<'_> {
             let biased = bias > 0.7 * o.tolerance * blocks.mean_abs && bias > errors[0].hypot(errors[1]);
             if biased && o.step.is_none() {
                 *difference = Difference::extrapolated(at, side, SMALLER * difference.step)?;
-                *theirs = Stock::new(2);
+                *theirs = Stock::new(difference.functionals());
                 *generation += 1;
                 continue;
             }
             let [more_ours, more_theirs] = next.unwrap_or_default();
             if more_ours {
-                self.more_of_ours(ours)?;
+                self.more_of_ours(interval, ours)?;
             }
             if more_theirs {
                 self.more_of_theirs(difference, theirs, *generation)?;
@@ -347,20 +394,26 @@ impl Bench<'_> {
         }
     }
 
-    fn step(&self, at: &At, say: &mut dyn FnMut(String)) -> Result<(Side, f64, Vec<Rung>)> {
+    /// Side and step of the difference, how the step was found, and whether means over its interval are compared.
+    fn step(&self, at: &At, say: &mut dyn FnMut(String)) -> Result<(Side, f64, Vec<Rung>, bool)> {
         let o = self.options;
+        let means = o.place == Place::Interval;
         if let Some(h) = o.step {
             for side in [Side::Central, Side::Forward, Side::Backward] {
                 if at.fits(side, h)? {
-                    return Ok((side, h, Vec::new()));
+                    return Ok((side, h, Vec::new(), means && side == Side::Central));
                 }
             }
             let what = format!("--step {h}: the scene refuses `{}` = {} +- {h}", at.name, at.value);
             return Err(Error::usage(what, "give a smaller step, or --step auto"));
         }
+        if means && let Some((step, rungs)) = widest(at, &self.view, &self.blocks, self.first, o.seed, &self.health)? {
+            say(format!("{}: step {step:.3e} out of {}", at.name, rungs.len()));
+            return Ok((Side::Central, step, rungs, true));
+        }
         let s = sweep::sweep(at, &self.view, &self.blocks, self.first, o.seed, o.tolerance, &self.health)?;
         say(format!("{}: step {:.3e} out of {}", at.name, s.step, s.rungs.len()));
-        Ok((s.side, s.step, s.rungs))
+        Ok((s.side, s.step, s.rungs, false))
     }
 
     fn more_of_theirs(&self, d: &Difference, side: &mut Stock, generation: u64) -> Result<()> {

@@ -146,10 +146,14 @@ impl Difference {
         self.points.len()
     }
 
+    /// Functionals of these pictures: the difference, and what its step leaves where it is extrapolated.
+    pub fn functionals(&self) -> usize {
+        self.points[0].1.len()
+    }
+
     /// The functionals from one seed, as images of three channels a pixel.
     pub fn round(&self, view: &View, spp: u64, seed: u64, health: &Health) -> Result<Vec<Vec<f64>>> {
-        let functionals = self.points[0].1.len();
-        let mut out = vec![vec![0.0; 3 * view.pixels()]; functionals];
+        let mut out = vec![vec![0.0; 3 * view.pixels()]; self.functionals()];
         let mut first: Option<Vec<f64>> = None;
         for (member, weights) in &self.points {
             let o = view.picture(&member.scene, spp, seed)?;

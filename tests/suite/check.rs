@@ -6,7 +6,7 @@ use crate::fog::{Folder, SCENE};
 use std::path::Path;
 use std::time::Duration;
 use tyndall::render::family::{Family, View};
-use tyndall::study::check::{self, CheckOptions, CheckReport, Verdict};
+use tyndall::study::check::{self, CheckOptions, CheckReport, Place, Verdict};
 
 /// Check with our derivative times a factor, to 4 % (the command's own test below: 2 %).
 fn run(wrt: &[&str], factor: f64) -> CheckReport {
@@ -45,6 +45,38 @@ fn a_wrong_derivative_fails() {
     assert_eq!(run(&["albedo"], 0.0).verdict, Verdict::Fail);
 }
 
+/// A difference over a wide interval is the mean of the derivative there, and not the derivative in its middle: the first passes, the second does not.
+#[test]
+fn differences_are_means_over_their_interval() {
+    let family = Family::text(SCENE, &Path::new(env!("CARGO_MANIFEST_DIR")).join("check.xml"));
+    let terms = vec!["all".to_string()];
+    let view = View { sensor: 0, crop: [0, 0, 16, 16], terms: &terms, stop: None };
+    let wrt = ["sigma_t".to_string()];
+    let options = |place| CheckOptions {
+        seed: 7,
+        max_time: Duration::from_secs(60),
+        tolerance: 0.04,
+        step: Some(0.58),
+        place,
+        ..CheckOptions::default()
+    };
+    let ours = check::ours(view);
+    let run = |options: &CheckOptions, estimator: &check::Estimator| {
+        let found = check::check(&family, view, &wrt, options, estimator, &mut |s| println!("{s}"));
+        found.unwrap_or_else(|e| panic!("{e}")).parameters.swap_remove(0)
+    };
+    let p = run(&options(Place::Interval), &ours);
+    assert_eq!(p.verdict, Verdict::Pass, "{:?}", p.blocks);
+    let [a, b] = p.interval.unwrap();
+    assert!((a - 0.02).abs() < 1e-12 && (b - 1.18).abs() < 1e-12 && p.step_bias == 0.0);
+    let middle = family.at(&[]).unwrap();
+    let still = |_: &_, params: &_, spp, seed, health: &_| ours(&middle, params, spp, seed, health);
+    assert_eq!(run(&options(Place::Interval), &still).verdict, Verdict::Fail);
+    // At the value itself the step's bias is known as such.
+    let p = run(&options(Place::Value), &ours);
+    assert!(p.interval.is_none() && p.step_bias > 0.0 && p.verdict != Verdict::Fail, "{:?}", p.blocks);
+}
+
 /// Both sides are exactly 0.
 #[test]
 fn no_derivative_passes() {
@@ -59,6 +91,8 @@ fn the_border_of_a_domain_has_one_side() {
     let r = run(&["full"], 1.0);
     assert_eq!(r.verdict, Verdict::Pass, "{:?}", r.parameters[0].blocks);
     assert_eq!(r.parameters[0].side, tyndall::study::differences::Side::Backward);
+    // There is no interval around it.
+    assert!(r.parameters[0].interval.is_none());
 }
 
 #[test]
