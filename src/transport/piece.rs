@@ -9,6 +9,7 @@
 use super::record::{Face, MediumSpan};
 use crate::math::{DMat3, DVec3, Rgb};
 use crate::medium::Volume;
+use crate::medium::grid::Slope;
 use crate::params::Covector;
 use crate::scene::Scene;
 use crate::shape::Geometry;
@@ -106,22 +107,36 @@ impl Piece {
         let m = &scene.media[self.medium as usize];
         let (mut g0, mut g1) = (Covector::default(), Covector::default());
         let length = self.t1 - self.t0;
-        if let Volume::Grid(grid) = &m.density {
-            grid.quadrature(self.o, self.w, self.t0, self.t1, &mut |weight, p| {
-                let f =
-                    if length.is_finite() { ((p - self.start()).dot(self.w) / length).clamp(0.0, 1.0) } else { 0.0 };
-                let gradient = grid.gradient3(p);
-                for (c, g) in gradient.into_iter().enumerate() {
-                    let g = g * (weight * m.scale);
-                    g0.add(g, Rgb::channel(c, 1.0 - f));
-                    g1.add(g, Rgb::channel(c, f));
+        let mut add = |c: Rgb, first: DVec3, last: DVec3| {
+            g0.add(first, c);
+            g1.add(last, c);
+        };
+        // What a point at the share f of the way has of the gradient goes to the ends as 1-f to f.
+        let grid = |s: &Slope| {
+            if !length.is_finite() {
+                return [s.gradient * m.scale, DVec3::ZERO];
+            }
+            let (last, along) = (s.moment / length, self.w * (s.value / length));
+            [(s.gradient - last - along) * m.scale, (last + along) * m.scale]
+        };
+        match &m.density {
+            Volume::Grid(g) => {
+                let slopes = g.integrate_slope(self.o, self.w, self.t0, self.t1);
+                if g.channels() == 1 {
+                    let [first, last] = grid(&slopes[0]);
+                    add(Rgb::splat(1.0), first, last);
+                } else {
+                    for (c, s) in slopes.iter().enumerate() {
+                        let [first, last] = grid(s);
+                        add(Rgb::channel(c, 1.0), first, last);
+                    }
                 }
-            });
-        }
-        if length.is_finite() {
-            let mean = m.density_integral(self.o, self.w, self.t0, self.t1) * (m.scale / length);
-            g0.add(self.w, -mean);
-            g1.add(self.w, mean);
+            }
+            Volume::Constant(_) if length.is_finite() => {
+                let mean = m.density_integral(self.o, self.w, self.t0, self.t1) * (m.scale / length);
+                add(mean, -self.w, self.w);
+            }
+            Volume::Constant(_) => {}
         }
         [g0, g1]
     }

@@ -7,7 +7,7 @@
 use super::bricks::{BRICK, ROW, SLAB, WINDOW};
 use super::nodes::{BrickIds, NodeId, weights};
 use super::traverse::Ray;
-use super::{Grid, Span, SpanIter, corners, mix};
+use super::{Grid, Span, SpanIter, corners, mix, mix_gradient};
 use crate::math::DVec3;
 
 /// Half the distance of the two Gauss points in units of the interval: 1 / (2 sqrt 3).
@@ -70,6 +70,20 @@ impl Cell {
         }
     }
 
+    /// Integrals of channel `c`, of its gradient in cell coordinates, and of that times t - `start`.
+    #[inline(always)]
+    fn slope<const C: usize>(&self, ray: &Ray, smooth: f64, nodes: &[f32], c: usize, start: f64, sum: &mut Slope) {
+        let v = corners::<C>(&nodes[self.local * C..], c);
+        let half = 0.5 * (self.t1 - self.t0);
+        for t in self.gauss() {
+            let [x, y, z] = self.at(ray, smooth, t);
+            let gradient = mix_gradient(&v, x, y, z) * half;
+            sum.value += half * mix(&v, x, y, z);
+            sum.gradient += gradient;
+            sum.moment += gradient * (t - start);
+        }
+    }
+
     /// The t at which the integral from `t0` is `rest`, for a field that is not negative.
     fn invert<const C: usize>(&self, ray: &Ray, smooth: f64, nodes: &[f32], c: usize, rest: f64) -> f64 {
         let v = corners::<C>(&nodes[self.local * C..], c);
@@ -85,6 +99,14 @@ impl Cell {
         let s = invert_quartic(bernstein, rest / length);
         if s < 1.0 { self.t0 + s * length } else { self.t1 }
     }
+}
+
+/// Integrals along a ray of what a field is, of its world-space gradient, and of that times the way from the ray's start.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Slope {
+    pub value: f64,
+    pub gradient: DVec3,
+    pub moment: DVec3,
 }
 
 /// Iterator over the cells of a brick.
@@ -351,6 +373,36 @@ impl Grid {
                 if next >= target { Ok((span.t0 + (target - sum) / value).min(span.t1)) } else { Err(next) }
             }
         }
+    }
+
+    /// How the integral over t in [t0, t1] changes as both ends of the way move, per channel (a scalar grid in each): exact, by the same rule as [`Grid::integrate`].
+    pub fn integrate_slope(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> [Slope; 3] {
+        if self.frame.channels == 1 { [self.slopes::<1>(o, w, t0, t1)[0]; 3] } else { self.slopes::<3>(o, w, t0, t1) }
+    }
+
+    fn slopes<const C: usize>(&self, o: DVec3, w: DVec3, t0: f64, t1: f64) -> [Slope; C] {
+        let mut sums = [Slope::default(); C];
+        let spans = self.single_spans(o, w, t0, t1);
+        let ray = spans.ray;
+        for span in spans {
+            match span.brick.index().filter(|_| !span.constant) {
+                Some(brick) => {
+                    let nodes = self.bricks.nodes(brick, C);
+                    for cell in self.cells(&ray, brick, span.t0, span.t1) {
+                        for (c, sum) in sums.iter_mut().enumerate() {
+                            cell.slope::<C>(&ray, self.smooth, nodes, c, t0, sum);
+                        }
+                    }
+                }
+                None => {
+                    for (c, sum) in sums.iter_mut().enumerate() {
+                        sum.value += constant_integral(self.constant_of(&span, c), &span);
+                    }
+                }
+            }
+        }
+        let covariant = self.table_from_world.matrix3.transpose() * self.smooth;
+        sums.map(|s| Slope { value: s.value, gradient: covariant * s.gradient, moment: covariant * s.moment })
     }
 
     /// Points of a quadrature over t in [t0, t1] that is exact for the field's gradient times anything linear: `f(weight, point)`.

@@ -28,6 +28,7 @@ use std::sync::Arc;
 pub use active::Mask;
 pub use builder::{Allowed, BadVoxel, GridBuilder, GridSource, Repaired};
 pub use field::Field;
+pub use integrate::Slope;
 pub use nodes::NodeId;
 pub use traverse::{BrickRef, Span, SpanIter};
 
@@ -297,9 +298,9 @@ impl Grid {
         };
         let covariant = self.table_from_world.matrix3.transpose() * self.smooth;
         if self.frame.channels == 1 {
-            [covariant * trilinear_gradient::<1>(window, 0, f); 3]
+            [covariant * mix_gradient(&corners::<1>(window, 0), f.x, f.y, f.z); 3]
         } else {
-            std::array::from_fn(|c| covariant * trilinear_gradient::<3>(window, c, f))
+            std::array::from_fn(|c| covariant * mix_gradient(&corners::<3>(window, c), f.x, f.y, f.z))
         }
     }
 }
@@ -332,12 +333,12 @@ fn trilinear<const C: usize>(window: &[f32], c: usize, f: DVec3) -> f64 {
     mix(&corners::<C>(window, c), f.x, f.y, f.z)
 }
 
-/// Partial derivatives in cell coordinates.
-fn trilinear_gradient<const C: usize>(window: &[f32], c: usize, f: DVec3) -> DVec3 {
-    let v = corners::<C>(window, c);
+/// Its partial derivatives, in cell coordinates.
+#[inline(always)]
+fn mix_gradient(v: &[f64; 8], x: f64, y: f64, z: f64) -> DVec3 {
     let face = |a: usize, b: usize, s: f64| lerp(v[a], v[b], s);
-    let dx = lerp(face(4, 5, f.z), face(6, 7, f.z), f.y) - lerp(face(0, 1, f.z), face(2, 3, f.z), f.y);
-    let dy = lerp(face(2, 3, f.z), face(6, 7, f.z), f.x) - lerp(face(0, 1, f.z), face(4, 5, f.z), f.x);
-    let dz = lerp(face(1, 3, f.y), face(5, 7, f.y), f.x) - lerp(face(0, 2, f.y), face(4, 6, f.y), f.x);
+    let dx = lerp(face(4, 5, z), face(6, 7, z), y) - lerp(face(0, 1, z), face(2, 3, z), y);
+    let dy = lerp(face(2, 3, z), face(6, 7, z), x) - lerp(face(0, 1, z), face(4, 5, z), x);
+    let dz = lerp(face(1, 3, y), face(5, 7, y), x) - lerp(face(0, 2, y), face(4, 6, y), x);
     DVec3::new(dx, dy, dz)
 }

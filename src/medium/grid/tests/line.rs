@@ -133,6 +133,33 @@ fn integrals_agree_with_quadrature() {
     }
 }
 
+/// The slope of integrals is that of differences, as the ray is shifted and as it turns.
+#[test]
+fn slopes_agree_with_differences() {
+    for (seed, channels) in [(21, 1), (22, 3)] {
+        let (grid, ..) = sparse(seed, channels, 0.0, transform());
+        let mut rng = Rng::keyed(seed, 8, 0, 0);
+        for _ in 0..200 {
+            let (o, w) = (point(&mut rng, -30.0, 30.0), direction(&mut rng) * 30.0);
+            let (o, w) = (transform().transform_point3(o), transform().transform_vector3(w));
+            let (t0, t1) = (random(&mut rng, -1.0, 0.2), random(&mut rng, 0.2, 2.0));
+            let (shift, turn) = (direction(&mut rng), direction(&mut rng));
+            let slopes = grid.integrate_slope(o, w, t0, t1);
+            let whole = grid.integrate3(o, w, t0, t1);
+            let h = 1e-5;
+            let [a, b] = [h, -h].map(|h| grid.integrate3(o + shift * h, w + turn * h, t0, t1));
+            for c in 0..3 {
+                let s = slopes[c];
+                assert!((s.value - whole[c]).abs() <= 1e-13 * whole[c].abs());
+                let slope = s.gradient.dot(shift) + (s.moment + s.gradient * t0).dot(turn);
+                let size = s.gradient.length() + s.moment.length();
+                // Where a cell is entered the gradient jumps: an error like h.
+                assert!((slope - (a[c] - b[c]) / (2.0 * h)).abs() <= 1e-4 * (1.0 + size), "{slope} {a:?} {b:?}");
+            }
+        }
+    }
+}
+
 #[test]
 fn node_integrals_sum_to_the_integral() {
     for channels in [1, 3] {
