@@ -24,7 +24,7 @@ answer() {
 
 # Figure 1, a row an example: scene and parameter.
 check() {
-    answer check "scenes/$1/scene.xml" --wrt "$2" --max-time "${time}s" --sheet "$out/$1_check.png" -o "$out/$1_check.json"
+    answer check "scenes/$1/scene.xml" --wrt "$2" --max-time "${time}s" --at value --sheet "$out/$1_check.png" -o "$out/$1_check.json"
 }
 check point_light light_x
 check sphere sphere_x
