@@ -3,8 +3,8 @@
 //! The film holds the first vertex of a path. Where a sphere is met at grazing, `cos θ -> 0`, it slides over it by 1/cos θ; near a silhouette's edge it is close
 //! to points that move otherwise, at a distance not below that on the film. Either way scores squared grow so that their integral over the film is
 //! unbounded but for a logarithm. So paths of their own start at film points drawn near outlines, with a density `~ 1/cos θ` on a sphere's disc and `~ β^-1/2` at
-//! the distance β from an edge, weighed against those of the pixels by the balance heuristic. They score derivatives only: the picture is that of
-//! the pixels' paths.
+//! the distance β from an edge, weighed against those of the pixels by the balance heuristic, collisions on their camera lines too ([`crate::transport::poles`]). They score derivatives
+//! only: the picture is that of the pixels' paths.
 
 use super::filter;
 use crate::math::discrete::Discrete;
@@ -16,6 +16,7 @@ use crate::sensor::{Projection, Sensor};
 use crate::shape::Shape;
 use crate::term::Motion;
 use crate::term::outline::Outlines;
+use crate::transport::poles::{Pole, Poles};
 use std::f64::consts::PI;
 
 /// Paths for one of each pixel's, per pixel beside an outline.
@@ -45,6 +46,8 @@ struct Strip {
     along: DVec2,
     length: f64,
     share: f64,
+    /// The edge itself.
+    edge: [DVec3; 2],
 }
 
 /// What a camera sees of outlines in motion.
@@ -100,7 +103,7 @@ impl<'a> Limbs<'a> {
             let (k, _, _) = self.table.sample(rng.uniform());
             let Some(strip) = k.checked_sub(self.balls.len()) else { return 1.0 };
             let film = self.strips.list[strip].uniform(self.strips.half_width, &mut rng);
-            1.0 / self.strips.around(film).filter(|s| s.density(self.strips.half_width, film) > 0.0).count() as f64
+            1.0 / self.strips.around(film).filter(|(_, s)| s.density(self.strips.half_width, film) > 0.0).count() as f64
         };
         (0..PROBES[0]).map(one_over_parts).map(|x| x.min(1.0)).sum::<f64>() / f64::from(PROBES[0])
     }
@@ -114,37 +117,67 @@ impl<'a> Limbs<'a> {
         self.even
     }
 
-    /// A film point; `None` behind the camera.
-    pub fn sample(&self, rng: &mut Rng) -> Option<[f64; 2]> {
+    /// A film point, and the strip that it was drawn by; `None` behind the camera.
+    pub fn sample(&self, rng: &mut Rng) -> Option<([f64; 2], Option<u32>)> {
         let (k, _, _) = self.table.sample(rng.uniform());
-        match self.balls.get(k) {
-            Some(ball) => ball.sample(self.sensor, rng),
-            None => Some(self.strips.list[k - self.balls.len()].sample(self.strips.half_width, rng)),
+        match k.checked_sub(self.balls.len()) {
+            None => Some((self.balls[k].sample(self.sensor, rng)?, None)),
+            Some(k) => Some((self.strips.list[k].sample(self.strips.half_width, rng), Some(k as u32))),
         }
+    }
+
+    /// Of film points in spheres, per pixel².
+    fn in_balls(&self, film: [f64; 2]) -> f64 {
+        self.balls.iter().map(|b| b.share * b.density(self.sensor, film)).sum()
     }
 
     /// Of film points, per pixel².
     fn density(&self, film: [f64; 2]) -> f64 {
-        let balls: f64 = self.balls.iter().map(|b| b.share * b.density(self.sensor, film)).sum();
-        balls + self.strips.density(film)
+        self.in_balls(film) + self.strips.density(film)
     }
 
-    /// What a path through the film point counts in the pixel, drawn from its filter or from here: `w / (w + count q)`, w the filter and q the density here.
-    pub fn weight(&self, film: [f64; 2], pixel: [usize; 2]) -> f64 {
-        self.shared(self.density(film), film, pixel)
+    /// What a path through the film point counts, drawn by its pixel or from here: `1 / (1 + count q)`, q the density here.
+    pub fn weight(&self, film: [f64; 2]) -> f64 {
+        1.0 / (1.0 + self.count as f64 * self.density(film))
     }
 
-    fn shared(&self, density: f64, film: [f64; 2], pixel: [usize; 2]) -> f64 {
-        let w = filter::density(self.filter, film[0] - (pixel[0] as f64 + 0.5))
-            * filter::density(self.filter, film[1] - (pixel[1] as f64 + 0.5));
-        if w > 0.0 { w / (w + self.count as f64 * density) } else { 0.0 }
+    /// Poles of its camera line; `drawn`: the strip that the film point was drawn by.
+    pub fn poles(&self, film: [f64; 2], drawn: Option<u32>) -> Option<Poles> {
+        let (o, w) = self.sensor.ray(film[0], film[1]);
+        let mut poles =
+            Poles { o, w, rest: 1.0 + self.count as f64 * self.in_balls(film), list: Vec::new(), drawn: None };
+        for (k, strip) in self.strips.around(film) {
+            let weight = self.count as f64 * strip.share * strip.density(self.strips.half_width, film);
+            if weight > 0.0 {
+                if drawn == Some(k) {
+                    poles.drawn = Some(poles.list.len());
+                }
+                poles.list.push(Pole { p: beside(strip.edge, o, w), weight });
+            }
+        }
+        (!poles.list.is_empty()).then_some(poles)
     }
 
-    /// Pixels that a film point concerns, with its weights there.
+    /// Pixels that a film point concerns, with what its path counts there.
     pub fn weights(&self, film: [f64; 2]) -> impl Iterator<Item = ([usize; 2], f64)> {
-        let (size, density) = ([self.sensor.width, self.sensor.height], self.density(film));
-        filter::pixels(self.filter, film, size).map(move |p| (p, self.shared(density, film, p))).filter(|w| w.1 > 0.0)
+        let (size, weight) = ([self.sensor.width, self.sensor.height], self.weight(film));
+        filter::pixels(self.filter, film, size)
+            .map(move |p| {
+                let filter = filter::density(self.filter, film[0] - (p[0] as f64 + 0.5))
+                    * filter::density(self.filter, film[1] - (p[1] as f64 + 0.5));
+                (p, filter * weight)
+            })
+            .filter(|w| w.1 > 0.0)
     }
+}
+
+/// The point of an edge's line that a ray passes.
+fn beside([a, b]: [DVec3; 2], o: DVec3, w: DVec3) -> DVec3 {
+    // Across the ray: nearest to it on the line.
+    let (off, along) = (a - o, b - a);
+    let (u, v) = (off - w * off.dot(w), along - w * along.dot(w));
+    let square = v.length_squared();
+    if square > 0.0 { a - along * (u.dot(v) / square) } else { a }
 }
 
 impl Ball {
@@ -241,8 +274,8 @@ impl Strips {
         let size = DVec2::new(sensor.width as f64, sensor.height as f64);
         let (low, high) = (DVec2::splat(-margin), size + margin);
         let mut list = Vec::new();
-        let silhouettes = Outlines::silhouettes_of_camera(scene, motion, sensor, keep);
-        for ([a, b], grazed) in silhouettes.iter().flat_map(Outlines::straight) {
+        let outlines = Outlines::sharp_of_camera(scene, motion, sensor, keep);
+        for ([a, b], grazed) in outlines.iter().flat_map(Outlines::straight) {
             let seen = |i: u32| {
                 let p = a.lerp(b, (f64::from(i) + 0.5) / f64::from(PROBES[1]));
                 let q = sensor.project(p).filter(|q| sensor.shows(q.film, margin));
@@ -254,7 +287,7 @@ impl Strips {
             if let Some([p, q]) = clip(p, q, low, high).filter(|_| seen > 0.0) {
                 let length = (q - p).length();
                 if length > 0.0 && length.is_finite() {
-                    list.push(Strip { a: p, along: (q - p) / length, length, share: seen });
+                    list.push(Strip { a: p, along: (q - p) / length, length, share: seen, edge: [a, b] });
                 }
             }
         }
@@ -292,15 +325,15 @@ impl Strips {
     }
 
     /// Those that may hold a film point.
-    fn around(&self, film: [f64; 2]) -> impl Iterator<Item = &Strip> {
+    fn around(&self, film: [f64; 2]) -> impl Iterator<Item = (u32, &Strip)> {
         let at = ((DVec2::from_array(film) - self.corner) / (2.0 * self.half_width)).floor();
         let inside = !self.list.is_empty() && at.min_element() >= 0.0 && at.x < self.columns as f64;
         let cell = inside.then(|| self.cells.get(at.y as usize * self.columns + at.x as usize)).flatten();
-        cell.into_iter().flatten().map(|&k| &self.list[k as usize])
+        cell.into_iter().flatten().map(|&k| (k, &self.list[k as usize]))
     }
 
     fn density(&self, film: [f64; 2]) -> f64 {
-        self.around(film).map(|s| s.share * s.density(self.half_width, film)).sum()
+        self.around(film).map(|(_, s)| s.share * s.density(self.half_width, film)).sum()
     }
 }
 

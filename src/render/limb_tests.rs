@@ -39,7 +39,7 @@ fn film_points_have_their_density() {
             let (n, mut rng) = (200_000, Rng::keyed(1, 2, 3, 4));
             let (mut drawn, mut flat) = ([0.0; 3], [0.0; 3]);
             for _ in 0..n {
-                let f = limbs.sample(&mut rng).unwrap();
+                let (f, _) = limbs.sample(&mut rng).unwrap();
                 (0..3).for_each(|k| drawn[k] += tests[k](f) / f64::from(n));
             }
             // Strata of the film and around it.
@@ -62,11 +62,11 @@ fn weights_share_film_points_out() {
     with(PINHOLE, |limbs| {
         let mut rng = Rng::keyed(5, 2, 3, 4);
         for _ in 0..1000 {
-            let f = limbs.sample(&mut rng).unwrap();
+            let (f, _) = limbs.sample(&mut rng).unwrap();
             let q = limbs.density(f);
             for (pixel, weight) in limbs.weights(f) {
                 let w: f64 = (0..2).map(|k| filter::density(limbs.filter, f[k] - (pixel[k] as f64 + 0.5))).product();
-                assert!((weight + limbs.count as f64 * q * weight / w - 1.0).abs() < 1e-9);
+                assert!((weight / w * (1.0 + limbs.count as f64 * q) - 1.0).abs() < 1e-9);
             }
         }
     });

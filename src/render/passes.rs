@@ -12,8 +12,8 @@ use crate::math::rng::{Purpose, Rng};
 use crate::params::Reverse;
 use crate::transport::{self, State, Tally};
 use smallvec::{SmallVec, smallvec};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 /// What threads share.
@@ -115,6 +115,7 @@ impl Job<'_> {
     ) {
         let Work { swept, limbs, rooms, film } = work;
         let images = swept.as_ref().map_or(0, |s| s.images);
+        let media = !self.scene.media.is_empty();
         let (mut one, mut derivative) = (Derivatives::new(images), Derivatives::new(images));
         let mut tally = Tally::default();
         for pixel in pixels {
@@ -123,9 +124,11 @@ impl Job<'_> {
             let mut sum = Rgb::ZERO;
             derivative.clear();
             for s in samples.clone() {
-                let (state, point) = self.state(Purpose::Path, x, y, s);
+                let (mut state, point) = self.state(Purpose::Path, x, y, s);
                 let on_ray = tally.light_on_ray;
-                let weight = limbs.as_ref().map_or(1.0, |l| l.weight(point, [x, y]));
+                let weight = limbs.as_ref().map_or(1.0, |l| l.weight(point));
+                state.poles =
+                    limbs.as_ref().filter(|_| media && weight < 1.0).and_then(|l| l.poles(point, None)).map(Arc::new);
                 if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
                     r.adjoint = adjoint[pixel] * weight;
                 }
@@ -176,6 +179,7 @@ impl Job<'_> {
         gradient: &mut Gradient,
     ) {
         let sensor = &self.scene.sensors[self.sensor];
+        let media = !self.scene.media.is_empty();
         let (first, end) = (samples.start * limbs.count(), samples.end * limbs.count());
         let blocks = (end - first).div_ceil(rooms::BLOCK) as usize;
         gradient.gather(blocks, matches!(self.mode, Mode::Reverse(..)), |k, reverse| {
@@ -188,7 +192,7 @@ impl Job<'_> {
             for i in first..(first + rooms::BLOCK).min(end) {
                 let key = LIMB_KEY | self.sensor as u64;
                 let mut rng = Rng::of(limbs.even(), self.seed, Purpose::Path as u64, key, i);
-                let Some(point) = limbs.sample(&mut rng) else { continue };
+                let Some((point, strip)) = limbs.sample(&mut rng) else { continue };
                 let pixels = limbs.weights(point).filter_map(|(p, w)| Some((self.in_crop(p)?, w)));
                 let pixels: Vec<(usize, f64)> = pixels.collect();
                 let Some(&(nearest, _)) = pixels.first() else { continue };
@@ -197,7 +201,9 @@ impl Job<'_> {
                 }
                 let (o, w) = sensor.ray(point[0], point[1]);
                 let stream = Rng::keyed(self.seed, Purpose::Derivative as u64, key, i);
-                swept.path(State::new(rng, o, w, sensor.medium), stream, &mut d, reverse, &mut tally);
+                let poles = limbs.poles(point, strip).filter(|_| media).map(Arc::new);
+                let state = State { poles, ..State::new(rng, o, w, sensor.medium) };
+                swept.path(state, stream, &mut d, reverse, &mut tally);
                 if d.is_finite() {
                     pixels.iter().for_each(|(p, w)| swept.deposit(&d, *w, *p, film));
                 } else {

@@ -23,6 +23,8 @@ use std::f64::consts::TAU;
 const DEGENERATE: f64 = 1e-14;
 /// Share of the selection that ignores what the light's rays to the outline meet.
 const BLIND: f64 = 0.1;
+/// Cosine between the normals of a sharp crease's faces, at most.
+const SHARP: f64 = 0.7;
 /// Sides of the polygon that stands for a rim.
 const SIDES: u32 = 48;
 
@@ -61,13 +63,22 @@ pub struct Outlines {
     pub(super) list: Vec<Outline>,
     rims: Vec<Rim>,
     /// Edges between two faces that are both seen count, too.
-    creases: bool,
+    creases: Creases,
     pub(super) table: Discrete,
     pub(super) nodes: Vec<Node>,
     /// Outlines in the order of the hierarchy's leaves; those that it does not hold at the end.
     pub(super) order: Vec<u32>,
     /// How many of `order` the hierarchy holds.
     pub(super) held: usize,
+}
+
+/// Which edges between two faces that are both seen count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Creases {
+    None,
+    /// Between faces that are turned from each other by [`SHARP`] or more.
+    Sharp,
+    All,
 }
 
 /// Where outlines are seen from: a point, or all along one direction (of travel, for a light; of view, for a camera).
@@ -85,7 +96,7 @@ impl Outlines {
             LightKind::Directional { direction } => Source::Distant(direction),
             _ => return None,
         };
-        let mut o = Outlines::new(scene, motion, source, |_| true, false);
+        let mut o = Outlines::new(scene, motion, source, |_| true, Creases::None);
         o.light = id;
         let seen = |e: DVec3, ray: &Ray, grazed: Grazed| {
             let light = scene.arrival(id, e, 0.0, 0.0).map_or(0.0, |a| a.emission.unit.max());
@@ -106,7 +117,7 @@ impl Outlines {
         margin: f64,
         keep: impl Fn(u32) -> bool + Sync,
     ) -> Option<Outlines> {
-        let mut o = Outlines::new(scene, motion, Source::of(sensor), keep, true);
+        let mut o = Outlines::new(scene, motion, Source::of(sensor), keep, Creases::All);
         let seen = |e: DVec3, _: &Ray, grazed: Grazed| {
             let Some(q) = sensor.project(e) else { return 0.0 };
             let seen = sensor.shows(q.film, margin) && !scene.blocked_past(q.o, q.w, q.distance, grazed);
@@ -116,14 +127,14 @@ impl Outlines {
         (!o.list.is_empty()).then_some(o)
     }
 
-    /// Silhouettes alone, all of them, whether seen or not, and without weights.
-    pub fn silhouettes_of_camera(
+    /// Silhouettes and sharp creases, all of them, whether seen or not, and without weights.
+    pub fn sharp_of_camera(
         scene: &Scene,
         motion: &Motion,
         sensor: &Sensor,
         keep: impl Fn(u32) -> bool + Sync,
     ) -> Option<Outlines> {
-        let o = Outlines::new(scene, motion, Source::of(sensor), keep, false);
+        let o = Outlines::new(scene, motion, Source::of(sensor), keep, Creases::Sharp);
         (!o.list.is_empty()).then_some(o)
     }
 
@@ -147,7 +158,7 @@ impl Outlines {
         motion: &Motion,
         source: Source,
         keep: impl Fn(u32) -> bool + Sync,
-        creases: bool,
+        creases: Creases,
     ) -> Outlines {
         let mut list = Vec::new();
         for (i, s) in scene.shapes.iter().enumerate() {
@@ -169,8 +180,8 @@ impl Outlines {
         }
         let edges = motion.edges(scene);
         let chosen = match creases {
-            true => (0..edges.len()).filter(|&i| keep(edges.shape(i))).collect(),
-            false => edges.silhouettes(scene, &keep, |a, b| source.across(a, b).0),
+            Creases::All | Creases::Sharp => (0..edges.len()).filter(|&i| keep(edges.shape(i))).collect(),
+            Creases::None => edges.silhouettes(scene, &keep, |a, b| source.across(a, b).0),
         };
         for i in chosen {
             source.edge(scene, &edges.get(scene, i), creases, &mut list);
@@ -235,7 +246,7 @@ impl Outlines {
     fn faces(&self, i: usize, ray: &Ray) -> Cow<'_, Faces> {
         if let Curve::Rim(k) = self.list[i].curve {
             let rim = &self.rims[k as usize];
-            if self.creases && rim.is_shared() {
+            if self.creases != Creases::None && rim.is_shared() {
                 let [lit, own] = rim.parted(ray.at(ray.near), ray.n);
                 return Cow::Owned(Faces { lit, own });
             }
@@ -337,7 +348,7 @@ impl Outlines {
                 let n = m.normalize();
                 let side = edge.covered_side(n);
                 let n = if side != 0.0 { n * -side } else { n };
-                (swept > 0.0 && (side != 0.0 || self.creases)).then_some(Ray {
+                (swept > 0.0 && (side != 0.0 || self.creases != Creases::None)).then_some(Ray {
                     light,
                     origin,
                     w,
@@ -395,7 +406,7 @@ impl Source {
         }
     }
 
-    fn edge(&self, scene: &Scene, e: &SharedEdge, creases: bool, list: &mut Vec<Outline>) {
+    fn edge(&self, scene: &Scene, e: &SharedEdge, creases: Creases, list: &mut Vec<Outline>) {
         let (normal, scale) = self.across(e.edge.a, e.edge.b);
         let length = normal.length();
         if length.is_nan() || length <= DEGENERATE * scale {
@@ -405,13 +416,13 @@ impl Source {
         let n = normal / length;
         let (a, b) = (e.edge.a, e.edge.b);
         if side != 0.0 {
-            let faces = if creases {
+            let faces = if creases == Creases::All {
                 Faces { lit: Vec::new(), own: e.sides().map(|s| (s.0, s.1)).collect() }
             } else {
                 Faces::default()
             };
             list.push(Outline { curve: Curve::Edge { a, b, n: n * -side }, grazed: e.faces.clone(), faces });
-        } else if creases && self.is_crease(scene, e) {
+        } else if self.is_crease(scene, e, creases) {
             let on = |lit: bool| e.sides().filter(|s| (n.dot(s.2 - a) > 0.0) == lit).map(|s| (s.0, s.1)).collect();
             let faces = Faces { lit: on(true), own: on(false) };
             list.push(Outline { curve: Curve::Edge { a, b, n }, grazed: e.faces.clone(), faces });
@@ -419,7 +430,10 @@ impl Source {
     }
 
     /// Whether what leaves the two sides of an edge that is no silhouette may differ: faces of another slope, or of another surface.
-    fn is_crease(&self, scene: &Scene, e: &SharedEdge) -> bool {
+    fn is_crease(&self, scene: &Scene, e: &SharedEdge, creases: Creases) -> bool {
+        if creases == Creases::None {
+            return false;
+        }
         let middle = 0.5 * (e.edge.a + e.edge.b);
         let view = match self {
             Source::Point(p) => middle - *p,
@@ -444,6 +458,9 @@ impl Source {
             .collect();
         seen.iter().enumerate().any(|(k, &(i, n))| {
             seen[..k].iter().any(|&(j, m)| {
+                if creases == Creases::Sharp {
+                    return n.dot(m) < SHARP;
+                }
                 let other = of(i).surface != of(j).surface || of(i).light != of(j).light;
                 other || (!(i == j && smooth(i)) && (n.cross(m).length() > FLAT || n.dot(m) < 0.0))
             })

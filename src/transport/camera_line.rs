@@ -6,6 +6,7 @@
 //! reflecting surface one of the two parts is followed, chosen with a probability near its transmittance.
 
 use super::line::{Line, Part};
+use super::poles::Poles;
 use super::record::{Event, MediumSpan, Recorder};
 use super::tracking::{self, Forced};
 use super::walk::{Flight, Stage, State, Walker};
@@ -52,6 +53,8 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     }
     let prefix = s.beta;
     let transmitted = total.map(|t| (-t).exp());
+    // Of this line only, not of those behind interfaces.
+    let poles = s.poles.take().filter(|_| R::ON);
     for k in 0..pieces.len() {
         glow::on_line(w, &mut s, &pieces[..=k], prefix, chain);
     }
@@ -84,7 +87,7 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     if scattered {
         chain(w, &s);
         let p = if both { 1.0 } else { share.scatter };
-        let mut c = force_collision(w, s, &line, p);
+        let mut c = force_collision(w, s, &line, p, poles.as_deref());
         c.pending = match record_passing(w, passing, pieces, true) {
             Some(passing) => Some(Box::new(State { pending: waiting, ..passing })),
             None => waiting,
@@ -161,10 +164,15 @@ fn side_estimates<R: Recorder>(
 }
 
 /// A collision inside the line.
-fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p: f64) -> State {
+fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p: f64, poles: Option<&Poles>) -> State {
     let scene = w.scene;
-    let Forced { piece: k, t, hero } = line.force(scene, &mut s.rng);
     let (pieces, total) = (&line.parts, line.total);
+    let Some(Forced { piece: k, t, hero }) = collision(scene, &mut s, line, poles) else {
+        return State { stage: Stage::Done, ..s };
+    };
+    if let Some(poles) = poles {
+        w.rec.push(Event::Share(poles.share(scene, line, k, t)));
+    }
     let piece = &pieces[k];
     let m = &scene.media[piece.span.medium as usize];
     let point = piece.span.o + piece.span.w * t;
@@ -197,6 +205,15 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
     s.on = On::default();
     s.stage = Stage::Medium;
     s
+}
+
+/// Where it is: drawn by the line itself, or around a pole.
+fn collision(scene: &Scene, s: &mut State, line: &Line, poles: Option<&Poles>) -> Option<Forced> {
+    let Some(place) = poles.and_then(|p| p.draw(line, &mut s.rng)) else { return Some(line.force(scene, &mut s.rng)) };
+    let (piece, t) = place?;
+    let hero = tracking::hero(line.total, line.chromatic, &mut s.rng);
+    // Nothing collides in a gap of the density.
+    (line.density(scene, piece, t)[hero] > 0.0).then_some(Forced { piece, t, hero })
 }
 
 /// A new chain begins, with what the camera line has crossed so far.

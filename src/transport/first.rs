@@ -110,6 +110,8 @@ pub struct Opening {
     last: Option<Met>,
     /// The chain's legs before this one, in the record's list.
     pub legs: [u32; 2],
+    /// Of [`Event::Share`].
+    pub share: Option<f64>,
 }
 
 /// A leg that has come to its end.
@@ -140,8 +142,13 @@ impl Opening {
             }
             Event::Specular(end) => {
                 let leg = Leg { before: *self, end };
-                *self = Opening { legs: [self.legs[0], self.legs[1] + 1], ..Opening::default() };
+                let share = self.share;
+                *self = Opening { legs: [self.legs[0], self.legs[1] + 1], share, ..Opening::default() };
                 return Some(leg);
+            }
+            Event::Share(f) => {
+                self.share = Some(f);
+                return None;
             }
             Event::Scatter { p, .. } => Met::Medium(p),
             Event::Surface { hit, .. } => Met::Surface(hit),

@@ -19,6 +19,7 @@ pub mod motion;
 pub mod pane;
 pub mod pane_motion;
 pub mod piece;
+pub mod poles;
 pub mod ray;
 pub mod record;
 pub mod specular;

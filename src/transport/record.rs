@@ -161,9 +161,38 @@ pub enum Event {
     PaneAim { aim: PaneAim, value: Rgb },
     /// A partial of its own: `value <v, d x / d slot>` for the vector x in three slots.
     Drift { slot: Slot, v: DVec3, value: Rgb },
+    /// What everything behind it in its chain counts, besides the weights that the walk gives it ([`super::poles`]).
+    Share(f64),
 }
 
 impl Event {
+    /// With its weights times f.
+    fn times(mut self, f: f64) -> Event {
+        match &mut self {
+            Event::Span { prefix: Some(prefix), .. } | Event::Surface { prefix, .. } => prefix.beta *= f,
+            Event::Ends { start, end, .. } => {
+                *start *= f;
+                *end *= f;
+            }
+            Event::Emit { weight, .. }
+            | Event::Glow { weight, .. }
+            | Event::Connect { weight, .. }
+            | Event::Candidate { weight, .. } => *weight *= f,
+            Event::Facets { value: Some(value), .. }
+            | Event::Aim { value, .. }
+            | Event::PaneAim { value, .. }
+            | Event::Drift { value, .. } => *value *= f,
+            Event::Chain
+            | Event::Span { prefix: None, .. }
+            | Event::Scatter { .. }
+            | Event::Turn { .. }
+            | Event::Facets { value: None, .. }
+            | Event::Specular(_)
+            | Event::Share(_) => {}
+        }
+        self
+    }
+
     #[inline]
     pub fn moves_a_light(&self) -> bool {
         matches!(self, Event::Aim { .. } | Event::PaneAim { .. } | Event::Drift { .. })
@@ -296,7 +325,10 @@ impl Recorder for PathRecord {
         if let Some(leg) = self.opening.follow(&e) {
             self.legs.push(leg);
         }
-        self.events.push(e);
+        self.events.push(match self.opening.share {
+            Some(f) => e.times(f),
+            None => e,
+        });
     }
 
     fn side_span(&mut self, s: MediumSpan) {
@@ -334,7 +366,7 @@ impl Recorder for PathRecord {
                 let prefix = Prefix { beta: Rgb::ZERO, ..prefix };
                 Some(Event::Surface { surface, hit, wi, medium, prefix })
             }
-            Event::Scatter { .. } => Some(*e),
+            Event::Scatter { .. } | Event::Share(_) => Some(*e),
             _ => None,
         };
         Some(self.events[begin + 1..].iter().filter_map(kept).collect())

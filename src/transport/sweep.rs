@@ -311,7 +311,12 @@ impl Sweep<'_> {
     ) -> Rgb {
         let plain = (self.facts.moving.any() && !self.scene.critical.is_empty()).then(|| {
             state.drawn = Some(0);
-            super::sample(self.scene, self.set, State { drawn: None, ..state.clone() }, &mut Tally::default())
+            super::sample(
+                self.scene,
+                self.set,
+                State { drawn: None, poles: None, ..state.clone() },
+                &mut Tally::default(),
+            )
         });
         rec.chunk_starts.clear();
         (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
@@ -376,7 +381,7 @@ impl Sweep<'_> {
     fn event(&self, rec: &PathRecord, e: &Event, mut after: Rgb, sink: &mut impl Sink) -> Rgb {
         match e {
             Event::Chain => after = Rgb::ZERO,
-            Event::Candidate { .. } | Event::Specular(_) => {}
+            Event::Candidate { .. } | Event::Specular(_) | Event::Share(_) => {}
             Event::Ends { span, start, end, depth } => self.glow_at_ends(span, [*start, *end], *depth, sink),
             Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
             Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),

@@ -9,6 +9,7 @@
 //! the geometry alone, so the weights sum to one whatever the tracking inside them did.
 
 use super::mirror::{self, Resume};
+use super::poles::Poles;
 use super::record::{End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use super::twin::{self, Twin};
@@ -83,6 +84,8 @@ pub struct State {
     pub direct: bool,
     /// Of these the last ones.
     pub in_a_row: u32,
+    /// Around which the collision on the camera line is drawn as well ([`super::poles`]).
+    pub poles: Option<Arc<Poles>>,
     /// Directions drawn since the camera, on paths that look beside critical angles ([`crate::scene::critical`]).
     pub drawn: Option<u32>,
     pub rng: Rng,
@@ -142,6 +145,7 @@ impl State {
             lead: None,
             direct: true,
             in_a_row: 0,
+            poles: None,
             drawn: None,
             rng,
             aside: rng,
