@@ -228,7 +228,7 @@ fn failure(verdict: Verdict, found: &CheckReport) -> Error {
     let (what, remedy) = match verdict {
         Verdict::Fail => (
             format!("derivative and finite difference differ: {}", of(verdict)),
-            "--sheet draws where; `tyndall plan` shows which terms run",
+            "--sheet draws where; `tyndall plan` shows which terms run; a smaller --step, or --at value, if the picture jumps within the interval",
         ),
         _ => (
             format!("the comparison is not sharp enough: {}", of(verdict)),
@@ -251,7 +251,7 @@ fn sheet(path: &std::path::Path, found: &CheckReport, view: &View) -> Result<()>
         let z = p.images.z.chunks_exact(3).map(|z| (z.iter().sum::<f64>() / 3.0) as f32).collect();
         let (width, height) = (view.width(), view.height());
         let panels = vec![
-            Panel::picture("picture", &picture, Exposure::Auto),
+            Panel::picture(if p.interval.is_some() { "picture, mean" } else { "picture" }, &picture, Exposure::Auto),
             Panel::derivative(format!("d_{} ours", p.name), &image(&p.images.ours)),
             Panel::derivative(format!("finite diff. {}", p.verdict.name()), &image(&p.images.differences)),
             Panel { title: "z".into(), width, height, content: Content::Score(z, p.pixels.max_z_threshold) },

@@ -348,7 +348,7 @@ fn unknown(name: &str, setup: &Setup, s: &Settings, args: &FitArgs) -> Result<Un
         );
         Error::usage(format!("`{name}` has no bounds"), remedy)
     })?;
-    let rate = args.rate.or(s.rate.get(name).map(|r| *r.get_ref())).unwrap_or(RATE);
+    let rate = args.rate.or(s.rate.as_ref().and_then(|r| r.get_ref().of(name))).unwrap_or(RATE);
     Ok(Unknown { name: name.into(), min, max, rate })
 }
 
@@ -367,7 +367,7 @@ fn field(name: &str, bounds: Option<[f64; 2]>, by_option: bool, s: &Settings, ar
             _ => Error::usage(format!("--bounds: {what}"), remedy),
         });
     }
-    let rate = args.rate.or(s.rate.get(name).map(|r| *r.get_ref())).unwrap_or(RATE);
+    let rate = args.rate.or(s.rate.as_ref().and_then(|r| r.get_ref().of(name))).unwrap_or(RATE);
     Ok(Unknown { name: name.into(), min, max, rate })
 }
 

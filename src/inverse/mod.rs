@@ -8,6 +8,7 @@ pub mod halves;
 pub mod history;
 pub mod lattice;
 pub mod loss;
+pub mod rates;
 pub mod reverse;
 pub mod settings;
 pub mod state;

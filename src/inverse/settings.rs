@@ -2,6 +2,7 @@
 
 use super::duration::Time;
 use super::loss::Loss;
+use super::rates::Rates;
 use crate::error::{Error, Result, Span};
 use crate::scene::desc::suggest;
 use serde::Deserialize;
@@ -23,7 +24,7 @@ const KEYS: [(&str, &str); 22] = [
     ("bounds", "bounds = { a = [min, max] } with min < max"),
     ("start", "start = [{ a = 0.4 }, { a = 1.8 }]: one table of finite values a start"),
     ("seeds", "seeds = [1, 2]: one whole number or more, not negative"),
-    ("rate", "rate = { a = 0.03 }: a first step is a share of the bounds' extent, between 0 and 1"),
+    ("rate", "rate = 0.03, or rate = { a = 0.03 }: a first step is a share of the bounds' extent, between 0 and 1"),
     ("half_life", "half_life = 40: a number of iterations greater than 0"),
     ("iterations", "iterations = 300: a whole number, 1 or more"),
     ("spp", "spp = 16: a whole number of samples, 2 or more"),
@@ -59,9 +60,7 @@ pub struct Settings {
     #[serde(default)]
     pub start: Vec<BTreeMap<String, Spanned<f64>>>,
     pub seeds: Option<Spanned<Vec<u64>>>,
-    /// Name = first step as a share of the bounds' extent.
-    #[serde(default)]
-    pub rate: BTreeMap<String, Spanned<f64>>,
+    pub rate: Option<Spanned<Rates>>,
     pub half_life: Option<Spanned<f64>>,
     pub iterations: Option<Spanned<usize>>,
     pub spp: Option<Spanned<u64>>,
@@ -181,9 +180,12 @@ impl Settings {
             let good = min < max && min.is_finite() && max.is_finite();
             need(good, bounds.span().start, format!("bounds of `{name}`: {min} is not below {max}"))?;
         }
-        for (name, rate) in &self.rate {
+        for (name, rate) in self.rate.iter().flat_map(|r| r.get_ref().each()) {
             let x = *rate.get_ref();
             need(x > 0.0 && x <= 1.0, rate.span().start, format!("rate of `{name}`: {x}"))?;
+        }
+        if let Some((at, Rates::All(x))) = self.rate.as_ref().map(|r| (r.span().start, r.get_ref())) {
+            need(*x > 0.0 && *x <= 1.0, at, format!("rate: {x}"))?;
         }
         for (name, x) in self.start.iter().flatten() {
             need(x.get_ref().is_finite(), x.span().start, format!("start of `{name}`: {} is not finite", x.get_ref()))?;
@@ -229,7 +231,8 @@ impl Settings {
         }
         if let Some(wrt) = &self.wrt {
             let named = self.bounds.iter().map(|(n, s)| ("bounds", n, s.span().start));
-            let named = named.chain(self.rate.iter().map(|(n, s)| ("rate", n, s.span().start)));
+            let rates = self.rate.iter().flat_map(|r| r.get_ref().each());
+            let named = named.chain(rates.map(|(n, s)| ("rate", n, s.span().start)));
             let starts = self.start.iter().flatten().map(|(n, s)| ("start", n, s.span().start));
             for (table, name, at) in named.chain(starts) {
                 if !wrt.contains(name) {
@@ -366,6 +369,8 @@ mod tests {
             ("[bounds]\na = [1, 0]", "a/fit.toml:2:5", "not below"),
             ("wrt = [\"a\"]\n[bounds]\nb = [0, 1]", "a/fit.toml:3:5", "`b` is not among `wrt`"),
             ("wrt = [\"a\"]\n[rate]\na = 2.0", "a/fit.toml:3:5", "rate of `a`"),
+            ("wrt = [\"a\"]\nrate = 2.0", "a/fit.toml:2:8", "rate: 2"),
+            ("wrt = [\"a\"]\nrate = \"fast\"", "a/fit.toml:2:8", "rate = 0.03"),
             ("scene = ", "a/fit.toml:1:", ""),
         ] {
             let e = parse(text).unwrap_err().to_string();

@@ -116,6 +116,12 @@ impl<'a> View<'a> {
         self.derivatives(scene, params, spp, seed, false)
     }
 
+    /// What such a derivative would refuse, without a sample.
+    pub fn refuse(&self, scene: &Scene, params: &ParamSet) -> Result<()> {
+        let terms = Terms::parse(self.terms)?;
+        Job { terms, ..self.job(scene, Mode::Forward(params), 1, 0) }.refuse()
+    }
+
     /// The same, and a layer `d_<param>.<term>` of every term by itself.
     pub fn split(&self, scene: &Scene, params: &ParamSet, spp: u64, seed: u64) -> Result<Outcome> {
         self.derivatives(scene, params, spp, seed, true)

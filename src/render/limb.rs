@@ -17,6 +17,7 @@ use crate::shape::Shape;
 use crate::term::Motion;
 use crate::term::outline::Outlines;
 use crate::transport::poles::{Pole, Poles};
+use smallvec::SmallVec;
 use std::f64::consts::PI;
 
 /// Paths for one of each pixel's, per pixel beside an outline.
@@ -126,28 +127,14 @@ impl<'a> Limbs<'a> {
         }
     }
 
-    /// Of film points in spheres, per pixel².
-    fn in_balls(&self, film: [f64; 2]) -> f64 {
-        self.balls.iter().map(|b| b.share * b.density(self.sensor, film)).sum()
-    }
-
-    /// Of film points, per pixel².
-    fn density(&self, film: [f64; 2]) -> f64 {
-        self.in_balls(film) + self.strips.density(film)
-    }
-
-    /// What a path through the film point counts, drawn by its pixel or from here: `1 / (1 + count q)`, q the density here.
-    pub fn weight(&self, film: [f64; 2]) -> f64 {
-        1.0 / (1.0 + self.count as f64 * self.density(film))
-    }
-
-    /// Poles of its camera line; `drawn`: the strip that the film point was drawn by.
-    pub fn poles(&self, film: [f64; 2], drawn: Option<u32>) -> Option<Poles> {
+    /// How often a film point is drawn from here for once by its pixel, and the poles of its camera line. `drawn`: the strip that it was drawn by.
+    pub fn poles(&self, film: [f64; 2], drawn: Option<u32>) -> Poles {
         let (o, w) = self.sensor.ray(film[0], film[1]);
-        let mut poles =
-            Poles { o, w, rest: 1.0 + self.count as f64 * self.in_balls(film), list: Vec::new(), drawn: None };
+        let count = self.count as f64;
+        let in_balls: f64 = self.balls.iter().map(|b| b.share * b.density(self.sensor, film)).sum();
+        let mut poles = Poles { o, w, rest: 1.0 + count * in_balls, list: SmallVec::new(), drawn: None };
         for (k, strip) in self.strips.around(film) {
-            let weight = self.count as f64 * strip.share * strip.density(self.strips.half_width, film);
+            let weight = count * strip.share * strip.density(self.strips.half_width, film);
             if weight > 0.0 {
                 if drawn == Some(k) {
                     poles.drawn = Some(poles.list.len());
@@ -155,17 +142,16 @@ impl<'a> Limbs<'a> {
                 poles.list.push(Pole { p: beside(strip.edge, o, w), weight });
             }
         }
-        (!poles.list.is_empty()).then_some(poles)
+        poles
     }
 
     /// Pixels that a film point concerns, with what its path counts there.
-    pub fn weights(&self, film: [f64; 2]) -> impl Iterator<Item = ([usize; 2], f64)> {
-        let (size, weight) = ([self.sensor.width, self.sensor.height], self.weight(film));
-        filter::pixels(self.filter, film, size)
+    pub fn weights(&self, film: [f64; 2], poles: &Poles) -> impl Iterator<Item = ([usize; 2], f64)> {
+        let (filter, size, weight) = (self.filter, [self.sensor.width, self.sensor.height], poles.weight());
+        filter::pixels(filter, film, size)
             .map(move |p| {
-                let filter = filter::density(self.filter, film[0] - (p[0] as f64 + 0.5))
-                    * filter::density(self.filter, film[1] - (p[1] as f64 + 0.5));
-                (p, filter * weight)
+                let across = |k: usize| filter::density(filter, film[k] - (p[k] as f64 + 0.5));
+                (p, across(0) * across(1) * weight)
             })
             .filter(|w| w.1 > 0.0)
     }
@@ -330,10 +316,6 @@ impl Strips {
         let inside = !self.list.is_empty() && at.min_element() >= 0.0 && at.x < self.columns as f64;
         let cell = inside.then(|| self.cells.get(at.y as usize * self.columns + at.x as usize)).flatten();
         cell.into_iter().flatten().map(|&k| (k, &self.list[k as usize]))
-    }
-
-    fn density(&self, film: [f64; 2]) -> f64 {
-        self.around(film).map(|(_, s)| s.share * s.density(self.half_width, film)).sum()
     }
 }
 

@@ -10,6 +10,7 @@ use super::swept::{Derivatives, Swept};
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
 use crate::params::Reverse;
+use crate::transport::poles::Poles;
 use crate::transport::{self, State, Tally};
 use smallvec::{SmallVec, smallvec};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -126,9 +127,10 @@ impl Job<'_> {
             for s in samples.clone() {
                 let (mut state, point) = self.state(Purpose::Path, x, y, s);
                 let on_ray = tally.light_on_ray;
-                let weight = limbs.as_ref().map_or(1.0, |l| l.weight(point));
-                state.poles =
-                    limbs.as_ref().filter(|_| media && weight < 1.0).and_then(|l| l.poles(point, None)).map(Arc::new);
+                let poles = limbs.as_ref().map(|l| l.poles(point, None));
+                let weight = poles.as_ref().map_or(1.0, Poles::weight);
+                // On an outline itself nothing is left for the pixel.
+                state.poles = poles.filter(|p| media && weight > 0.0 && !p.list.is_empty()).map(Arc::new);
                 if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
                     r.adjoint = adjoint[pixel] * weight;
                 }
@@ -193,7 +195,8 @@ impl Job<'_> {
                 let key = LIMB_KEY | self.sensor as u64;
                 let mut rng = Rng::of(limbs.even(), self.seed, Purpose::Path as u64, key, i);
                 let Some((point, strip)) = limbs.sample(&mut rng) else { continue };
-                let pixels = limbs.weights(point).filter_map(|(p, w)| Some((self.in_crop(p)?, w)));
+                let poles = limbs.poles(point, strip);
+                let pixels = limbs.weights(point, &poles).filter_map(|(p, w)| Some((self.in_crop(p)?, w)));
                 let pixels: Vec<(usize, f64)> = pixels.collect();
                 let Some(&(nearest, _)) = pixels.first() else { continue };
                 if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
@@ -201,7 +204,7 @@ impl Job<'_> {
                 }
                 let (o, w) = sensor.ray(point[0], point[1]);
                 let stream = Rng::keyed(self.seed, Purpose::Derivative as u64, key, i);
-                let poles = limbs.poles(point, strip).filter(|_| media).map(Arc::new);
+                let poles = media.then(|| Arc::new(poles));
                 let state = State { poles, ..State::new(rng, o, w, sensor.medium) };
                 swept.path(state, stream, &mut d, reverse, &mut tally);
                 if d.is_finite() {

@@ -52,7 +52,7 @@ pub fn scores(a: &Rounds, b: &Rounds, bias: &[f64]) -> Vec<f64> {
             }
             let t = difference / variance.sqrt();
             // Welch and Satterthwaite; the bias counts as known.
-            let (na, nb) = ((a.rounds - 1) as f64, (b.rounds - 1) as f64);
+            let (na, nb) = (a.freedom(), b.freedom());
             let freedom = variance * variance / (va * va / na + vb * vb / nb);
             normal_score(t, freedom, &normal)
         })

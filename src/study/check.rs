@@ -14,7 +14,7 @@
 
 use super::agreement::{Agreement, scores};
 use super::differences::{At, Bias, Difference, Side};
-use super::interval::{Interval, STRATA, widest};
+use super::interval::{Interval, LONGER, STRATA, widest};
 use super::rounds::{Blocks, Rounds, mean};
 use super::sweep::{self, Rung};
 use crate::error::{Error, Result};
@@ -283,7 +283,7 @@ impl Bench<'_> {
     fn more_of_ours(&self, over: Option<Interval>, side: &mut Stock) -> Result<()> {
         let seed = self.options.seed;
         match over {
-            Some(interval) => side.grow(&self.blocks, self.first * STRATA, |spp, round| {
+            Some(interval) => side.grow(&self.blocks, interval.first, |spp, round| {
                 interval.round(self.estimator, spp, seed, round, &self.health)
             }),
             None => side.grow(&self.blocks, self.first, |spp, round| {
@@ -299,7 +299,9 @@ impl Bench<'_> {
         let (side, step, rungs, means) = self.step(&at, say)?;
         let difference =
             if means { Difference::plain(&at, side, step)? } else { Difference::extrapolated(&at, side, step)? };
-        let over = means.then(|| (Interval { at, step }, Stock::new(2)));
+        // Asked for by the user, or enough for a run a stratum.
+        let samples = if self.options.spp.is_some() { self.first } else { self.first * STRATA * LONGER };
+        let over = means.then(|| (Interval { at, step, first: samples }, Stock::new(2)));
         let seconds = start.elapsed().as_secs_f64();
         let theirs = Stock::new(difference.functionals());
         Ok(Trial { k, at, over, side, rungs, difference, theirs, generation: 0, suspicious: false, seconds })
@@ -401,7 +403,9 @@ impl Bench<'_> {
         if let Some(h) = o.step {
             for side in [Side::Central, Side::Forward, Side::Backward] {
                 if at.fits(side, h)? {
-                    return Ok((side, h, Vec::new(), means && side == Side::Central));
+                    let around = Interval { at: *at, step: h, first: self.first };
+                    let means = means && side == Side::Central && around.fits(&self.view)?;
+                    return Ok((side, h, Vec::new(), means));
                 }
             }
             let what = format!("--step {h}: the scene refuses `{}` = {} +- {h}", at.name, at.value);

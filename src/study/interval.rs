@@ -2,21 +2,26 @@
 //!
 //! `[I(b) - I(a)] / (b - a) = 1/(b-a) ∫_a^b İ(q) dq`
 //!
-//! A difference of any step so has no bias if the derivative is taken at random places of its interval, not in its middle. Wide intervals have little noise (paths that take
-//! another turn at the other end count like 1/h), and the derivative is tried at many values instead of one.
-//! Places are stratified, so that what İ itself varies by over the interval counts little: with S strata a round and R rounds its part of the standard error is about its range `/ (S √(12 S R))`.
+//! A difference of any step so has no bias if the derivative is taken at random places of its interval, not in its middle, and if the picture has no jump there
+//! (a light that comes through a wall). Wide intervals have little noise (paths that take another turn at the other end count like 1/h), and the derivative is tried at many values instead of one.
+//!
+//! Places are stratified, S a round. What İ itself varies by over the interval adds to a round's variance like 1/S² where İ jumps in one stratum, faster where it does not; so S grows like the root of
+//! a round's samples, as fast as their own variance falls.
 
 use super::check::Estimator;
 use super::differences::{At, Difference, Side};
 use super::rounds::{Blocks, Rounds, mean};
 use super::sweep::{self, Rung};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::rng::Rng;
-use crate::render::family::{View, stream};
+use crate::params::ParamSet;
+use crate::render::family::{Member, View, stream};
 use crate::render::health::Health;
 
-/// Strata of a round.
+/// Strata of a first round.
 pub const STRATA: u64 = 4;
+/// Samples of a stratum there, in first rounds of a difference: each is a run with a pilot of its own.
+pub const LONGER: u64 = 2;
 /// Rounds that a step is judged by.
 const ROUNDS: u64 = 8;
 /// Steps that are tried: a factor of 128 from the first to the last.
@@ -29,6 +34,8 @@ const NEAR: f64 = 1.25;
 pub struct Interval<'a> {
     pub at: At<'a>,
     pub step: f64,
+    /// Samples a pixel of a first round.
+    pub first: u64,
 }
 
 impl Interval<'_> {
@@ -45,23 +52,53 @@ impl Interval<'_> {
         round: u64,
         health: &Health,
     ) -> Result<Vec<Vec<f64>>> {
+        let strata = (STRATA as f64 * (spp as f64 / self.first as f64).sqrt().max(1.0)).round() as u64;
+        let strata = strata.min(spp).max(1);
         let mut places = Rng::keyed(stream(seed, 4, round), 0, 0, 0);
         let mut sums: Vec<Vec<f64>> = Vec::new();
-        let wrt = [self.at.name.to_string()];
-        for s in 0..STRATA {
-            let share = (s as f64 + places.uniform()) / STRATA as f64;
-            let member = self.at.member((2.0 * share - 1.0) * self.step)?;
-            let params = member.scene.param_set(&member.desc, &wrt)?;
-            let layers =
-                estimator(&member, &params, (spp / STRATA).max(1), stream(seed, 1, round * STRATA + s), health)?;
+        for s in 0..strata {
+            let share = (s as f64 + places.uniform()) / strata as f64;
+            // What does not divide goes to the first ones.
+            let spp = spp / strata + u64::from(s < spp % strata);
+            let layers = self.at_place((2.0 * share - 1.0) * self.step, |member, params| {
+                estimator(member, params, spp, stream(seed, 1, round << 8 | s), health)
+            })?;
             if sums.is_empty() {
                 sums = layers.iter().map(|l| vec![0.0; l.len()]).collect();
             }
             for (sum, layer) in sums.iter_mut().zip(&layers) {
-                sum.iter_mut().zip(layer).for_each(|(a, x)| *a += x / STRATA as f64);
+                sum.iter_mut().zip(layer).for_each(|(a, x)| *a += x / strata as f64);
             }
         }
         Ok(sums)
+    }
+
+    /// Something about the derivative at an offset from the value.
+    fn at_place<T>(&self, offset: f64, f: impl FnOnce(&Member, &ParamSet) -> Result<T>) -> Result<T> {
+        let found = || {
+            let member = self.at.member(offset)?;
+            let params = member.scene.param_set(&member.desc, &[self.at.name.to_string()])?;
+            f(&member, &params)
+        };
+        found().map_err(|e| match e {
+            Error::Scene { .. } | Error::Usage { .. } => Error::usage(
+                format!("`{}` = {}: {e}", self.at.name, self.at.value + offset),
+                "compare at the value (--at value), or give a smaller --step",
+            ),
+            e => e,
+        })
+    }
+
+    /// Whether the scene, and the derivative, take the ends and places between.
+    pub fn fits(&self, view: &View) -> Result<bool> {
+        for share in [-1.0, 1.0, -0.5, 0.5] {
+            match self.at_place(share * self.step, |member, params| view.refuse(&member.scene, params)) {
+                Ok(()) => {}
+                Err(Error::Usage { .. }) => return Ok(false),
+                Err(e) => return Err(e),
+            }
+        }
+        Ok(true)
     }
 }
 

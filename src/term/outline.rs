@@ -16,6 +16,7 @@ use crate::scene::Scene;
 use crate::sensor::{Projection, Sensor};
 use crate::shape::edges::FLAT;
 use crate::shape::{Cylinder, Geometry, Shape};
+use rayon::prelude::*;
 use std::borrow::Cow;
 use std::f64::consts::TAU;
 
@@ -180,7 +181,11 @@ impl Outlines {
         }
         let edges = motion.edges(scene);
         let chosen = match creases {
-            Creases::All | Creases::Sharp => (0..edges.len()).filter(|&i| keep(edges.shape(i))).collect(),
+            Creases::All => (0..edges.len()).filter(|&i| keep(edges.shape(i))).collect(),
+            Creases::Sharp => {
+                let chosen = |&i: &usize| keep(edges.shape(i)) && source.counts(scene, &edges.get(scene, i));
+                (0..edges.len()).into_par_iter().filter(chosen).collect::<Vec<_>>()
+            }
             Creases::None => edges.silhouettes(scene, &keep, |a, b| source.across(a, b).0),
         };
         for i in chosen {
@@ -406,6 +411,12 @@ impl Source {
         }
     }
 
+    /// Whether an edge is a silhouette or a sharp crease.
+    fn counts(&self, scene: &Scene, e: &SharedEdge) -> bool {
+        let (normal, _) = self.across(e.edge.a, e.edge.b);
+        e.edge.covered_side(normal) != 0.0 || self.is_crease(scene, e, Creases::Sharp)
+    }
+
     fn edge(&self, scene: &Scene, e: &SharedEdge, creases: Creases, list: &mut Vec<Outline>) {
         let (normal, scale) = self.across(e.edge.a, e.edge.b);
         let length = normal.length();
@@ -459,7 +470,7 @@ impl Source {
         seen.iter().enumerate().any(|(k, &(i, n))| {
             seen[..k].iter().any(|&(j, m)| {
                 if creases == Creases::Sharp {
-                    return n.dot(m) < SHARP;
+                    return n.dot(m) < SHARP && n.cross(m).length() > FLAT;
                 }
                 let other = of(i).surface != of(j).surface || of(i).light != of(j).light;
                 other || (!(i == j && smooth(i)) && (n.cross(m).length() > FLAT || n.dot(m) < 0.0))

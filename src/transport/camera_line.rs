@@ -19,6 +19,8 @@ use crate::scene::{Hit, March, On, Scene};
 /// (with the unscattered part pending where both are followed).
 pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     let scene = w.scene;
+    // Of this line only, not of those behind interfaces.
+    let poles = s.poles.take().filter(|_| R::ON);
     let mut ray = March::new(s.o, s.w, s.on, s.medium);
     let mut line = Line::default();
     let mut crossings = 0;
@@ -53,8 +55,6 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     }
     let prefix = s.beta;
     let transmitted = total.map(|t| (-t).exp());
-    // Of this line only, not of those behind interfaces.
-    let poles = s.poles.take().filter(|_| R::ON);
     for k in 0..pieces.len() {
         glow::on_line(w, &mut s, &pieces[..=k], prefix, chain);
     }
@@ -211,9 +211,10 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
 fn collision(scene: &Scene, s: &mut State, line: &Line, poles: Option<&Poles>) -> Option<Forced> {
     let Some(place) = poles.and_then(|p| p.draw(line, &mut s.rng)) else { return Some(line.force(scene, &mut s.rng)) };
     let (piece, t) = place?;
-    let hero = tracking::hero(line.total, line.chromatic, &mut s.rng);
-    // Nothing collides in a gap of the density.
-    (line.density(scene, piece, t)[hero] > 0.0).then_some(Forced { piece, t, hero })
+    // The channel that leads only sets the scale of weights here; the largest has no gap where another collides.
+    let density = line.density(scene, piece, t);
+    let hero = if line.chromatic { (1..3).fold(0, |a, c| if density[c] > density[a] { c } else { a }) } else { 0 };
+    (density[hero] > 0.0).then_some(Forced { piece, t, hero })
 }
 
 /// A new chain begins, with what the camera line has crossed so far.

@@ -13,6 +13,7 @@ use crate::math::DVec3;
 use crate::math::equiangular::EquiAngular;
 use crate::math::rng::Rng;
 use crate::scene::Scene;
+use smallvec::SmallVec;
 
 /// A point that a camera line passes.
 #[derive(Clone, Copy, Debug)]
@@ -30,12 +31,17 @@ pub struct Poles {
     pub w: DVec3,
     /// `1 + Q_0`.
     pub rest: f64,
-    pub list: Vec<Pole>,
+    pub list: SmallVec<[Pole; 4]>,
     /// The one that this path is drawn by; none of a pixel's own.
     pub drawn: Option<usize>,
 }
 
 impl Poles {
+    /// What the film point's paths count that go by way of no collision on their camera line: `1 / (1 + Q)`.
+    pub fn weight(&self) -> f64 {
+        1.0 / (self.rest + self.list.iter().map(|p| p.weight).sum::<f64>())
+    }
+
     /// The abscissae from the first to the last of the line's media.
     fn range(&self, line: &Line) -> Option<[f64; 2]> {
         let (first, last) = (&line.parts.first()?.span, &line.parts.last()?.span);
@@ -44,7 +50,7 @@ impl Poles {
     }
 
     fn around(&self, p: DVec3, [a, b]: [f64; 2]) -> Option<EquiAngular> {
-        Some(EquiAngular::new(p, self.o, self.w, a, b)).filter(EquiAngular::usable)
+        Some(EquiAngular::new(p, self.o, self.w, a, b)).filter(|a| a.usable() && a.h().is_finite())
     }
 
     /// Where the collision is to be forced: part of the line and abscissa there, `Some(None)` in a gap between its media; `None` where the line itself is to draw it.
@@ -104,7 +110,8 @@ mod tests {
         let (line, _) = Line::to_surface(&scene, o, w, &On::default(), None, true).unwrap();
         assert_eq!(line.parts.len(), 2);
         let peak = DVec3::new(0.4, 0.11, 0.2);
-        let list = vec![Pole { p: peak, weight: 1.5 }, Pole { p: DVec3::new(3.2, 0.5, 0.2), weight: 0.2 }];
+        let list =
+            smallvec::smallvec![Pole { p: peak, weight: 1.5 }, Pole { p: DVec3::new(3.2, 0.5, 0.2), weight: 0.2 }];
         let poles = Poles { o, w, rest: 1.3, list, drawn: None };
         let f = |p: DVec3| 1.0 / (p - peak).length();
         // ∫ dx / sqrt(x² + h²), box by box.

@@ -189,15 +189,6 @@ pub struct Forced {
     pub hero: usize,
 }
 
-/// The channel that leads a collision forced on a line of this depth: those with nothing to collide with never do.
-pub fn hero(total: Rgb, chromatic: bool, rng: &mut Rng) -> usize {
-    if !chromatic || total.is_zero() {
-        return 0;
-    }
-    let lit: Vec<usize> = (0..3).filter(|&c| total[c] > 0.0).collect();
-    lit[((rng.uniform() * lit.len() as f64) as usize).min(lit.len() - 1)]
-}
-
 /// Invert the truncated exponential of the hero's optical depth over `(medium, span, depth before, depth inside)`
 /// ([T] section 9); gray grids only. `chromatic`: some medium's extinction differs between channels.
 pub fn force<'a>(
@@ -206,7 +197,13 @@ pub fn force<'a>(
     chromatic: bool,
     rng: &mut Rng,
 ) -> Forced {
-    let hero = hero(total, chromatic, rng);
+    // Channels with nothing to collide with are never the hero.
+    let hero = if !chromatic || total.is_zero() {
+        0
+    } else {
+        let lit: Vec<usize> = (0..3).filter(|&c| total[c] > 0.0).collect();
+        lit[((rng.uniform() * lit.len() as f64) as usize).min(lit.len() - 1)]
+    };
     let target = truncated(rng.uniform(), total[hero]);
     let mut last = Forced { piece: 0, t: 0.0, hero };
     for (k, (m, span, before, depth)) in pieces.enumerate() {
