@@ -106,6 +106,7 @@ pub struct ParameterCheck {
     pub value: f64,
     pub verdict: Verdict,
     pub side: Side,
+    /// Half of the interval, where there is one.
     pub step: f64,
     /// What derivative and difference are means over; none where they are taken at the value.
     pub interval: Option<[f64; 2]>,

@@ -101,7 +101,7 @@ impl Cell {
     }
 }
 
-/// Integrals along a ray of what a field is, of its world-space gradient, and of that times the way from the ray's start.
+/// Integrals over t in [t0, t1] of what a field is along a ray, of its world-space gradient, and of that times `t - t0`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Slope {
     pub value: f64,
