@@ -102,7 +102,7 @@ impl Interval<'_> {
     }
 }
 
-/// The smallest step whose difference has about as little noise for its size as any; `None` where the scene takes values on one side only.
+/// The smallest step whose difference has about as little noise for its size as any; `None` where scene or derivative take no interval around the value.
 pub fn widest(
     at: &At,
     view: &View,
@@ -111,8 +111,13 @@ pub fn widest(
     seed: u64,
     h: &Health,
 ) -> Result<Option<(f64, Vec<Rung>)>> {
-    let (side, first) = sweep::start(at, at.largest_step()?)?;
-    if side != Side::Central {
+    let (side, mut first) = sweep::start(at, at.largest_step()?)?;
+    let fits = |step: f64| Interval { at: *at, step, first: spp }.fits(view);
+    let mut smaller = 0;
+    while side == Side::Central && smaller < STEPS && !fits(first)? {
+        (first, smaller) = (0.5 * first, smaller + 1);
+    }
+    if side != Side::Central || smaller == STEPS {
         return Ok(None);
     }
     let mut rungs: Vec<Rung> = Vec::new();

@@ -77,6 +77,25 @@ fn differences_are_means_over_their_interval() {
     assert!(p.interval.is_none() && p.step_bias > 0.0 && p.verdict != Verdict::Fail, "{:?}", p.blocks);
 }
 
+/// A ball over a floor: within the widest interval it would pass through it, which the derivative refuses. A narrower one is taken.
+#[test]
+fn intervals_end_before_what_is_refused() {
+    let text = r#"<scene version="3.0.0"><default name="y" value="0.4"/><integrator type="volpath"><integer name="max_depth" value="2"/></integrator>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="0, 1, 4" target="0, 0.3, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/><rfilter type="box"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/></transform><bsdf type="diffuse"/></shape>
+  <shape type="sphere"><point name="center" value="0, $y, 0"/><float name="radius" value="0.3"/><bsdf type="diffuse"/></shape>
+  <emitter type="point"><point name="position" value="1, 3, 2"/><rgb name="intensity" value="10"/></emitter></scene>"#;
+    let family = Family::text(text, &Path::new(env!("CARGO_MANIFEST_DIR")).join("check.xml"));
+    let terms = vec!["all".to_string()];
+    let view = View { sensor: 0, crop: [0, 0, 16, 16], terms: &terms, stop: None };
+    let options = CheckOptions { spp: Some(64), max_spp: 64, ..CheckOptions::default() };
+    let found = check::check(&family, view, &["y".to_string()], &options, &check::ours(view), &mut |s| println!("{s}"));
+    let p = &found.unwrap_or_else(|e| panic!("{e}")).parameters[0];
+    let [a, b] = p.interval.unwrap();
+    assert!(a > 0.3 && b < 0.5 && p.verdict != Verdict::Fail && p.spp_ours <= 64.0, "{a} {b} {:?}", p.blocks);
+}
+
 /// Both sides are exactly 0.
 #[test]
 fn no_derivative_passes() {
