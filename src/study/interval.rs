@@ -6,7 +6,8 @@
 //! (a light that comes through a wall). Wide intervals have little noise (paths that take another turn at the other end count like 1/h), and the derivative is tried at many values instead of one.
 //!
 //! Places are stratified, S a round. What İ itself varies by over the interval adds to a round's variance like 1/S² where İ jumps in one stratum, faster where it does not; so S grows like the root of
-//! a round's samples, as fast as their own variance falls.
+//! a round's samples, as fast as their own variance falls. From round to round the places of a stratum go on evenly from a random one, so that what happens in a small part of the interval only (an outline
+//! that passes one pixel) is met as often as it should be; variances count rounds as independent and are no smaller than that.
 
 use super::check::Estimator;
 use super::differences::{At, Difference, Side};
@@ -22,6 +23,8 @@ use crate::render::health::Health;
 pub const STRATA: u64 = 4;
 /// Samples of a stratum there, in first rounds of a difference: each is a run with a pilot of its own.
 pub const LONGER: u64 = 2;
+/// The golden ratio less 1: its multiples lie evenly in [0, 1), however many.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
 /// Rounds that a step is judged by.
 const ROUNDS: u64 = 8;
 /// Steps that are tried: a factor of 128 from the first to the last.
@@ -54,10 +57,11 @@ impl Interval<'_> {
     ) -> Result<Vec<Vec<f64>>> {
         let strata = (STRATA as f64 * (spp as f64 / self.first as f64).sqrt().max(1.0)).round() as u64;
         let strata = strata.min(spp).max(1);
-        let mut places = Rng::keyed(stream(seed, 4, round), 0, 0, 0);
+        let mut shifts = Rng::keyed(stream(seed, 4, 0), 0, 0, 0);
         let mut sums: Vec<Vec<f64>> = Vec::new();
         for s in 0..strata {
-            let share = (s as f64 + places.uniform()) / strata as f64;
+            let within = (shifts.uniform() + round as f64 * GOLDEN).fract();
+            let share = (s as f64 + within) / strata as f64;
             // What does not divide goes to the first ones.
             let spp = spp / strata + u64::from(s < spp % strata);
             let layers = self.at_place((2.0 * share - 1.0) * self.step, |member, params| {
