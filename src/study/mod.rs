@@ -6,7 +6,7 @@ pub mod check;
 pub mod converge;
 pub mod differences;
 mod grids;
-mod interval;
+pub mod interval;
 mod measure;
 mod policy;
 pub mod reference;
