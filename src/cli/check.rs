@@ -23,7 +23,7 @@ use tyndall::study::check::{self, CheckOptions, CheckReport, ParameterCheck, Pla
 ///
 /// Finite differences use common random numbers at both sides and a step from a sweep. A difference is exactly the mean of the
 /// derivative over the interval of its step, and is compared with that: the derivative is taken at random places of the interval, with other seeds.
-/// With --at value (and where a parameter is at the end of what the scene takes) it is taken at the value itself, and the difference is
+/// With --at value (and where scene or derivative take no interval around it) it is taken at the value itself, and the difference is
 /// extrapolated (Richardson); what bias its step leaves is estimated and counted as error. Verdict of a parameter, over blocks of
 /// pixels: fail where they differ significantly (false alarms: 1 in 10000 looks, two looks in a row); pass where they do not
 /// and the combined standard error is at most 2 % of mean |d|, or where both are exactly 0; else undecided.

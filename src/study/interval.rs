@@ -7,7 +7,7 @@
 //!
 //! Places are stratified, S a round. What İ itself varies by over the interval adds to a round's variance like 1/S² where İ jumps in one stratum, faster where it does not; so S grows like the root of
 //! a round's samples, as fast as their own variance falls. From round to round the places of a stratum go on evenly from a random one, so that what happens in a small part of the interval only (an outline
-//! that passes one pixel) is met as often as it should be; variances count rounds as independent and are no smaller than that.
+//! that passes one pixel) is met as often as it should be; variances count rounds as independent, which even places spread less than unless İ repeats itself as they do.
 
 use super::check::Estimator;
 use super::differences::{At, Difference, Side};
@@ -86,7 +86,13 @@ impl Interval<'_> {
         };
         found().map_err(|e| match e {
             Error::Scene { .. } | Error::Usage { .. } => Error::usage(
-                format!("`{}` = {}: {e}", self.at.name, self.at.value + offset),
+                // Without its own remedy.
+                format!(
+                    "`{}` = {}: {}",
+                    self.at.name,
+                    self.at.value + offset,
+                    e.to_string().lines().next().unwrap_or_default()
+                ),
                 "compare at the value (--at value), or give a smaller --step",
             ),
             e => e,

@@ -1,12 +1,12 @@
 //! Poles of a camera line: points beside it around which the collision forced on it is drawn as well, where derivatives ask for it.
 //!
-//! The film holds a path's first vertex x. In a medium beside an edge of something that moves, what x and a point z of the faces there send each other scores like `1/‖z-x‖`, as film
+//! The film holds a path's first vertex x. In a medium beside an edge of something that moves, what x and a point z of the faces there send each other scores like `1/‖z-x‖` ([T] (27b)), as film
 //! points do beside outlines ([`super::motion`]): in the plane across the edge `∫ r dr / r²` has no bound but for a logarithm. So paths of their own start at film points beside outlines, and
-//! their collisions are drawn half from the forced density `p_f`, half equi-angularly around the point of the outline that the camera line passes.
+//! their collisions are drawn half from the forced density `p_f` (per length), half equi-angularly ([T] 5.5, `p_k`, per length) around the point of the outline that the camera line passes.
 //!
 //! A film point with the weights q_k (paths a pixel and pixel² that pole k draws through it) and Q = Σ q_k is so drawn 1 + Q times as often as by its pixel, and a collision there at t
 //! `1 + Q_0 + Σ q_k (p_f + p_k) / (2 p_f)` times (Q_0: of what has no pole). What a path collects by way of that collision counts one over that, whoever drew it, everything else `1 / (1 + Q)`:
-//! the balance heuristic, but for the filters of pixels, which enter as their sum, 1.
+//! the balance heuristic ([T] (61)), but for the filters of pixels, which enter as their sum, 1.
 
 use super::line::Line;
 use crate::math::DVec3;
@@ -73,6 +73,7 @@ impl Poles {
             film += p.weight;
             here += p.weight * 0.5 * (1.0 + density(p) / forced);
         }
+        // Nothing collides where nothing is forced.
         if forced > 0.0 { film / here } else { 0.0 }
     }
 }
@@ -124,8 +125,7 @@ mod tests {
                 Some((c.piece, c.t))
             });
             let Some((k, t)) = place else { return 0.0 };
-            let film = poles.rest + poles.list.iter().map(|p| p.weight).sum::<f64>();
-            let share = if shared { poles.share(&scene, &line, k, t) / film } else { 1.0 };
+            let share = if shared { poles.share(&scene, &line, k, t) * poles.weight() } else { 1.0 };
             let span = &line.parts[k].span;
             f(span.o + span.w * t) / line.mean_density(&scene, k, t) * share
         };

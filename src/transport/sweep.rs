@@ -311,12 +311,7 @@ impl Sweep<'_> {
     ) -> Rgb {
         let plain = (self.facts.moving.any() && !self.scene.critical.is_empty()).then(|| {
             state.drawn = Some(0);
-            super::sample(
-                self.scene,
-                self.set,
-                State { drawn: None, poles: None, ..state.clone() },
-                &mut Tally::default(),
-            )
+            super::sample(self.scene, self.set, State { drawn: None, ..state.clone() }, &mut Tally::default())
         });
         rec.chunk_starts.clear();
         (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
