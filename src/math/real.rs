@@ -263,6 +263,13 @@ impl<R: Real> V3<R> {
     }
 }
 
+impl<const N: usize> V3<Dual<N>> {
+    /// Its components are the variables from `first` on.
+    pub fn variable(v: glam::DVec3, first: usize) -> Self {
+        V3::new(Dual::variable(v.x, first), Dual::variable(v.y, first + 1), Dual::variable(v.z, first + 2))
+    }
+}
+
 impl V3<Dual<1>> {
     /// The tangent of every component.
     pub fn tangent(self) -> glam::DVec3 {

@@ -58,10 +58,6 @@ pub fn round_outline(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
     })
 }
 
-pub fn rough(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
-    p.shapes.iter().find(|s| matches!(p.surfaces[s.surface], SurfacePart::Rough { .. }))
-}
-
 /// What of the scene asks for a term that does not exist for such a motion.
 pub fn cause(p: &Parts<f64>, term: Term, m: &Motion) -> Option<Cause> {
     let moving = |i: Option<usize>, remedy: &'static str| Some(Cause::of_medium(&p.media[i?], remedy));

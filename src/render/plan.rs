@@ -2,7 +2,7 @@
 //! The table of [T] section 3 as code, in two steps: facts of the scene and of what moves, then rules. Renders nothing,
 //! loads no grid.
 
-use super::cause::{Cause, cause, is_outlined, is_smooth, nearest_grid, rough, round_outline, zero_measure};
+use super::cause::{Cause, cause, is_outlined, is_smooth, nearest_grid, round_outline, zero_measure};
 use crate::error::{Error, Result};
 use crate::math::Dual;
 use crate::params::Quantity;
@@ -149,8 +149,6 @@ pub struct Facts {
     pub beyond_interface: bool,
     /// Beside a smooth interface, something of which edges are not straight: an opaque ball, disk or cylinder, or an interface that is a cylinder.
     pub round_outline: bool,
-    /// Microfacets.
-    pub rough: bool,
     /// A zero-measure light whose light has to cross an interface.
     pub light_across_interface: bool,
 }
@@ -390,12 +388,6 @@ impl Plan {
                 let remedy = "make it a mesh of flat faces: beside glass and mirrors, outlines have to be straight";
                 miss(Term::VE, why, round_outline(&parts).map(|s| Cause::of_shape(s, remedy)));
             }
-            if facts.rough && (matter || light || turns) {
-                let why = "directions turn at a rough surface";
-                let remedy =
-                    "make it smooth, or ask for what moves nothing: its alpha and index, values of media and lights";
-                miss(Term::M, why, rough(&parts).map(|s| Cause::of_shape(s, remedy)));
-            }
             if let Some(m) = nearest_grid(&parts).filter(|_| light || matter) {
                 let why = "a nearest-neighbour grid jumps at every cell face";
                 miss(Term::N, why, Some(Cause::of_medium(m, "use filter_type trilinear")));
@@ -495,7 +487,6 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         // Whatever there is besides, or behind, may be seen in it.
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
         round_outline: p.shapes.iter().any(|s| smooth(s.surface)) && round_outline(p).is_some(),
-        rough: rough(p).is_some(),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
     }
 }

@@ -201,7 +201,7 @@ impl Scene {
 
     /// Whether the path goes on at this surface.
     pub fn reflects(&self, hit: &Hit) -> bool {
-        match &self.surfaces[self.shapes[hit.shape as usize].surface as usize] {
+        match self.surface_of(hit.shape) {
             crate::surface::Surface::Diffuse { reflectance, .. } => !reflectance.is_zero(),
             _ => true,
         }

@@ -83,6 +83,11 @@ impl Instance {
 }
 
 impl Scene {
+    /// That of a shape.
+    pub fn surface_of(&self, shape: u32) -> &Surface {
+        &self.surfaces[self.shapes[shape as usize].surface as usize]
+    }
+
     /// Whether light passes the shape unchanged.
     pub fn is_null(&self, s: &Instance) -> bool {
         self.surfaces[s.surface as usize].is_null()

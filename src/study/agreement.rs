@@ -1,6 +1,7 @@
 //! Whether two estimates with error bars agree: z scores of many places, the largest of them, and their sum of squares.
 //!
-//! z = (a - b) / sqrt(var_a + var_b + bias^2). The variances come from few rounds, so z follows Student's distribution; it is
+//! z = (a - b) / sqrt(var_a + var_b + bias^2). Where differences are 0 without any variance though the derivative is not, their samples may have met nothing yet: light beside an outline in
+//! the tail of a pixel's filter. They count as uncertain by what that many samples can miss ([`unmet`]), so that only more of them tell. The variances come from few rounds, so z follows Student's distribution; it is
 //! turned into a normal score of the same tail, of which the largest of n exceeds its threshold with probability
 //! [`ALPHA`] (Sidak), and the sum of squares of each channel its own (chi square), if the two agree.
 
@@ -38,6 +39,16 @@ pub struct Agreement {
     pub fail: usize,
     pub pass: usize,
     pub undecided: usize,
+}
+
+/// Of an event that one in n samples meets, samples have met none with the probability exp(-their number / n): three of them are one standard error, and a threshold of 5.4 is 1e-7.
+const MISSED: f64 = 3.0;
+
+/// What each place of differences b may have missed, beside `bias`: where it is exactly 0 and a is not. `event`: the most that one sample can be, over the difference's step; `samples` of each place.
+pub fn unmet(a: &Rounds, b: &Rounds, bias: &[f64], event: f64, samples: impl Fn(usize) -> f64) -> Vec<f64> {
+    let missed = |i: usize| b.mean[i] == 0.0 && b.variance(i) == 0.0 && a.mean[i] != 0.0;
+    let more = |i: usize| if missed(i) { MISSED * event / samples(i / 3) } else { 0.0 };
+    bias.iter().enumerate().map(|(i, b)| b.hypot(more(i))).collect()
 }
 
 /// Normal scores of a - b; 0 where both are exactly equal and without variance.
@@ -140,6 +151,19 @@ mod tests {
             r.push(&x, 1.0);
         }
         r
+    }
+
+    /// Differences that are 0 because their few samples have met nothing do not fail; the same with samples enough does.
+    #[test]
+    fn what_differences_have_not_met() {
+        let mut none = Rounds::default();
+        (0..32).for_each(|_| none.push(&[0.0; 12], 1.0));
+        let a = noise(4, 32, 2.0, 3);
+        let with = |samples: f64| Agreement::new(&a, &none, &unmet(&a, &none, &[0.0; 12], 1.0, |_| samples), 0.02);
+        assert!(Agreement::new(&a, &none, &[0.0; 12], 0.02).significant);
+        assert!(!with(4.0).significant && with(4.0).fail == 0, "{:?}", with(4.0));
+        assert!(with(1e4).significant);
+        assert_eq!(unmet(&none, &none, &[0.0; 12], 1.0, |_| 1.0), [0.0; 12]);
     }
 
     #[test]

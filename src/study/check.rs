@@ -12,7 +12,7 @@
 //!   mean |d| over blocks; also where both are exactly 0;
 //! - undecided: time or samples were over before.
 
-use super::agreement::{Agreement, scores};
+use super::agreement::{Agreement, scores, unmet};
 use super::differences::{At, Bias, Difference, Side};
 use super::interval::{Interval, LONGER, STRATA, widest};
 use super::rounds::{Blocks, Rounds, mean};
@@ -28,6 +28,8 @@ use std::time::{Duration, Instant};
 const ROUNDS: u64 = 32;
 /// A step whose bias is too large, and the next: the noise of differences grows faster than needed with anything smaller.
 const SMALLER: f64 = 0.7;
+/// So often an interval is halved at most, because a place of it is refused.
+const NARROWER: u64 = 8;
 /// Samples that a round has at least, over its pixels: its pilot should not be what costs.
 const LEAST: usize = 2048;
 
@@ -321,20 +323,37 @@ impl Bench<'_> {
         let Trial { k, at, over, side, rungs, difference, theirs, generation, suspicious, seconds } = trial;
         let (side, name) = (*side, at.name);
         // The derivative's rounds, and its layer there.
-        let (interval, ours, layer) = match over {
-            Some((interval, own)) => (Some(*interval), own, 1),
+        let (mut interval, ours, layer) = match over {
+            Some((interval, own)) => (Some(interval), own, 1),
             None => (None, ours, *k + 1),
         };
+        let [mut more_ours, mut more_theirs] = [ours.next == 0, theirs.next == 0];
         loop {
-            if ours.next == 0 {
-                self.more_of_ours(interval, ours)?;
+            if more_ours {
+                match (self.more_of_ours(interval.as_deref().copied(), ours), &mut interval) {
+                    // Something is refused in the middle, where nobody had looked.
+                    (Err(Error::Usage { .. }), Some(interval)) if o.step.is_none() && *generation < NARROWER => {
+                        interval.step *= 0.5;
+                        say(format!("{name}: an interval half as wide, some of it is refused"));
+                        *difference = Difference::plain(at, side, interval.step)?;
+                        (*ours, *theirs) = (Stock::new(2), Stock::new(difference.functionals()));
+                        (*generation, *suspicious, more_theirs) = (*generation + 1, false, true);
+                        continue;
+                    }
+                    (done, _) => done?,
+                }
             }
-            if theirs.next == 0 {
+            if more_theirs {
                 self.more_of_theirs(difference, theirs, *generation)?;
             }
+            // The most that one sample of a difference can be.
+            let event = ours.pixels[0].mean.iter().copied().fold(0.0, f64::max) / (2.0 * difference.step);
             let biases = theirs.biases(|s| &s.blocks);
             let bias = mean(biases.iter().map(|b| b.abs()));
-            let blocks = Agreement::new(&ours.blocks[layer], &theirs.blocks[0], &biases, o.tolerance);
+            let (a, b, spp) = (&ours.blocks[layer], &theirs.blocks[0], theirs.spp());
+            let sizes = self.blocks.sizes();
+            let doubts = unmet(a, b, &biases, event, |k| spp * sizes[k]);
+            let blocks = Agreement::new(a, b, &doubts, o.tolerance);
             let errors = [ours.blocks[layer].mean_error(), theirs.blocks[0].mean_error()];
             say(format!(
                 "{name}: error {:.2} % of mean |d| (ours {:.2}, differences {:.2}, step bias {:.2}), max |z| {:.2}",
@@ -356,7 +375,7 @@ impl Bench<'_> {
             };
             if let Some(verdict) = verdict {
                 let (a, b) = (&ours.pixels[layer], &theirs.pixels[0]);
-                let biases = theirs.biases(|s| &s.pixels);
+                let doubts = unmet(a, b, &theirs.biases(|s| &s.pixels), event, |_| spp);
                 *seconds += start.elapsed().as_secs_f64();
                 return Ok(ParameterCheck {
                     name: name.into(),
@@ -364,7 +383,7 @@ impl Bench<'_> {
                     verdict,
                     side,
                     step: difference.step,
-                    interval: interval.map(|i| i.ends()),
+                    interval: interval.as_ref().map(|i| i.ends()),
                     step_bias: bias,
                     error_ours: errors[0],
                     error_differences: errors[1],
@@ -373,9 +392,9 @@ impl Bench<'_> {
                     pictures: difference.pictures(),
                     seconds: *seconds,
                     blocks,
-                    pixels: Agreement::new(a, b, &biases, o.tolerance),
+                    pixels: Agreement::new(a, b, &doubts, o.tolerance),
                     sweep: rungs.clone(),
-                    images: Images { ours: a.mean.clone(), differences: b.mean.clone(), z: scores(a, b, &biases) },
+                    images: Images { ours: a.mean.clone(), differences: b.mean.clone(), z: scores(a, b, &doubts) },
                 });
             }
             *suspicious = blocks.significant;
@@ -385,15 +404,10 @@ impl Bench<'_> {
                 *difference = Difference::extrapolated(at, side, SMALLER * difference.step)?;
                 *theirs = Stock::new(difference.functionals());
                 *generation += 1;
+                [more_ours, more_theirs] = [false, true];
                 continue;
             }
-            let [more_ours, more_theirs] = next.unwrap_or_default();
-            if more_ours {
-                self.more_of_ours(interval, ours)?;
-            }
-            if more_theirs {
-                self.more_of_theirs(difference, theirs, *generation)?;
-            }
+            [more_ours, more_theirs] = next.unwrap_or_default();
         }
     }
 

@@ -106,15 +106,21 @@ impl Blocks {
         pixel / self.width / self.side * self.columns() + pixel % self.width / self.side
     }
 
+    /// Pixels of each block.
+    pub fn sizes(&self) -> Vec<f64> {
+        let mut sizes = vec![0.0; self.count()];
+        (0..self.width * self.height).for_each(|p| sizes[self.of_pixel(p)] += 1.0);
+        sizes
+    }
+
     /// Means over blocks of an image of three channels a pixel.
     pub fn means(&self, image: &[f64]) -> Vec<f64> {
         let mut sums = vec![0.0; 3 * self.count()];
-        let mut pixels = vec![0.0; self.count()];
         for (p, rgb) in image.chunks_exact(3).enumerate() {
             let b = self.of_pixel(p);
-            pixels[b] += 1.0;
             (0..3).for_each(|c| sums[3 * b + c] += rgb[c]);
         }
+        let pixels = self.sizes();
         sums.iter().enumerate().map(|(i, s)| s / pixels[i / 3]).collect()
     }
 }

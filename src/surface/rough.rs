@@ -17,7 +17,7 @@ use super::microfacet::Distribution;
 use super::{Lobe, Normals};
 use crate::math::fresnel::{self, Interface};
 use crate::math::{DVec3, Dual, Real, Rgb, V3, warp};
-use crate::params::{ParamSet, Slot};
+use crate::params::{Covector, ParamSet, Slot};
 
 /// A rough surface.
 #[derive(Clone, Debug)]
@@ -30,6 +30,26 @@ pub struct Rough {
     pub alpha_slot: Slot,
     /// First slot of the indices: interior and exterior, or eta and k, per channel.
     pub index_slot: Slot,
+}
+
+/// `∂ ln (f |cos wo|)`, per channel: what the value asks of how both directions and the normal turn.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Slopes {
+    pub wi: Covector,
+    pub wo: Covector,
+    pub n: Covector,
+}
+
+impl Slopes {
+    /// Of a factor, in channels of these weights. Variables: wi, wo, n.
+    fn add(&mut self, x: Dual<9>, weight: Rgb) {
+        if x.v > 0.0 {
+            let by = |k: usize| DVec3::new(x.d[k], x.d[k + 1], x.d[k + 2]) / x.v;
+            self.wi.add(by(0), weight);
+            self.wo.add(by(3), weight);
+            self.n.add(by(6), weight);
+        }
+    }
 }
 
 /// What it is made of.
@@ -113,6 +133,28 @@ impl Rough {
     /// Whether its indices are among the parameters.
     pub fn indices_active(&self, params: &ParamSet) -> bool {
         params.block_active(self.index_slot, if self.is_transparent() { 2 } else { 6 })
+    }
+
+    /// How the value changes as directions and normal turn, which stay unit; `None` where it is 0.
+    pub fn slopes(&self, normals: Normals, wi: DVec3, wo: DVec3) -> Option<Slopes> {
+        let n = normals.toward(wi, wo).filter(|&n| self.scatters(n, wi))?;
+        let [i, o, n] = [(wi, 0), (wo, 3), (n, 6)].map(|(v, first)| V3::<Dual<9>>::variable(v, first));
+        let (alpha, mut s) = (Dual::constant(self.alpha), Slopes::default());
+        match self.matter {
+            Matter::Dielectric { interior, exterior } => {
+                let indices = [interior, exterior].map(Dual::constant);
+                s.add(Facet::dielectric(self.distribution, alpha, indices, n, i, o)?.value(), Rgb::ONE);
+            }
+            Matter::Conductor { eta, k, .. } => {
+                let (g, c) = Facet::mirrored(self.distribution, alpha, n, i, o)?;
+                s.add(g.value(), Rgb::ONE);
+                for ch in 0..3 {
+                    let f = fresnel::conductor(c, Dual::constant(eta[ch]), Dual::constant(k[ch]));
+                    s.add(f, Rgb::channel(ch, 1.0));
+                }
+            }
+        }
+        Some(s)
     }
 
     /// `∂f / f` by slots, per channel, at given directions.
@@ -349,6 +391,48 @@ mod tests {
                         (mirrored - f).abs() < lost + 5.0 * (f * (1.0 - f) / f64::from(n)).sqrt(),
                         "{r:?} {cos}: {mirrored} {f}"
                     );
+                }
+            }
+        }
+    }
+
+    /// As directions and normal turn about an axis: one by one against differences, all together nothing changes.
+    #[test]
+    fn slopes_against_differences() {
+        let mut rng = Rng::keyed(8, 0, 0, 0);
+        for d in KINDS {
+            for r in [glass(d, 0.3, 1.5, 1.0), glass(d, 0.02, 1.2, 1.3), glass(d, 0.2, 0.8, 1.0), metal(d, 0.2)] {
+                let mut tried = 0;
+                while tried < 60 {
+                    let [n, wi, axis] = [(); 3].map(|()| warp::sphere(rng.uniform(), rng.uniform()));
+                    let normals = |n: DVec3| Normals { face: n, shading: n };
+                    let [u, v, x] = [(); 3].map(|()| rng.uniform());
+                    let Some(wo) = r.sample(normals(n), wi, u, v, x) else { continue };
+                    let value = |wi: DVec3, wo: DVec3, n: DVec3| {
+                        let lobe = r.eval(normals(n), wi, wo);
+                        lobe.tint * lobe.f
+                    };
+                    let f = value(wi, wo, n);
+                    if f.min() < 1e-3 {
+                        continue;
+                    }
+                    tried += 1;
+                    let s = r.slopes(normals(n), wi, wo).unwrap();
+                    let h = 1e-6 * r.alpha;
+                    let turned = |v: DVec3, by: f64| (v + axis.cross(v) * by).normalize();
+                    let own = [(s.wi, wi), (s.wo, wo), (s.n, n)].map(|(form, v)| form.dot(axis.cross(v)));
+                    let numeric = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|[a, b, c]| {
+                        let at = |h: f64| value(turned(wi, a * h), turned(wo, b * h), turned(n, c * h));
+                        (at(h) - at(-h)) * (0.5 / h)
+                    });
+                    for c in 0..3 {
+                        let scale = own.iter().map(|x| x[c].abs()).sum::<f64>() + 1.0;
+                        for (a, b) in own.iter().zip(numeric) {
+                            assert!((a[c] - b[c] / f[c]).abs() < 1e-4 * scale / r.alpha, "{r:?} {wi} {wo}: {a:?} {b:?}");
+                        }
+                        let together: f64 = own.iter().map(|x| x[c]).sum();
+                        assert!(together.abs() < 1e-9 * scale, "{r:?} {wi} {wo}: {together} of {scale}");
+                    }
                 }
             }
         }

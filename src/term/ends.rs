@@ -208,7 +208,7 @@ pub fn sent(
 
 /// What the surface at the end of a segment, at this distance, is for the segment's motion: one that goes on at a smooth surface holds its direction, as one that leaves the scene does.
 pub fn far_end(scene: &Scene, end: Option<Hit>, distance: f64) -> (Point, f64) {
-    let smooth = |h: &Hit| scene.surfaces[scene.shapes[h.shape as usize].surface as usize].is_smooth();
+    let smooth = |h: &Hit| scene.surface_of(h.shape).is_smooth();
     end.filter(|h| !smooth(h)).map_or((Point::Infinity, f64::INFINITY), |h| (Point::Surface(h), distance))
 }
 

@@ -131,7 +131,7 @@ impl Planes {
         }
         index.push(now);
         let last = chain.last()?;
-        let onward = match scene.surfaces[scene.shapes[last.hit.shape as usize].surface as usize] {
+        let onward = match scene.surface_of(last.hit.shape) {
             Surface::Dielectric { .. } => {
                 let n = planes.last()?.normal();
                 Onward::Side(n * n.dot(last.out).signum())

@@ -203,7 +203,7 @@ fn where_light_goes_on_to() {
     let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap();
     // Through the pane, then against one side of the mirror or the other.
     for side in [1.0, -1.0] {
-        let (o, place) = (DVec3::new(0.0, 0.4 * side, 3.0), Place { on: On::default(), medium: None });
+        let (o, place) = (DVec3::new(0.0, 0.4 * side, 3.0), Place::within(None));
         let start = Start { o, w: (DVec3::new(0.0, 0.0, 0.2) - o).normalize() };
         let mut rng = Rng::keyed(8, 0, 0, 0);
         let mut chains =

@@ -94,7 +94,7 @@ impl Edges {
         let set = motion.edges(scene);
         let aim = Aim::new(scene, motion);
         // Lines past smooth surfaces are `virtual_edge`'s.
-        let smooth = |shape: u32| scene.surfaces[scene.shapes[shape as usize].surface as usize].is_smooth();
+        let smooth = |shape: u32| scene.surface_of(shape).is_smooth();
         let parts = |i: usize| f64::from(u8::from(!set.any(i, smooth) && !set.is_cut(i)));
         let flat = |i: usize| {
             let Ends { a, b, pair } = set.ends(scene, i);

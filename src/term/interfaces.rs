@@ -132,7 +132,7 @@ fn touching(scene: &Scene) -> Result<()> {
 /// An edge on a smooth face that is not its own is seen from the other side through that face, or hidden behind it, which [`super::virtual_edge`] does not tell; the border of a half-space of glass
 /// where something stands in it is in sight.
 fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
-    let smooth = |id: u32| scene.surfaces[scene.shapes[id as usize].surface as usize].is_smooth();
+    let smooth = |id: u32| scene.surface_of(id).is_smooth();
     let edges = motion.edges(scene);
     let touched = |i: usize| {
         let edge = edges.get(scene, i);

@@ -35,8 +35,12 @@ pub struct Vertex {
 }
 
 impl Vertex {
-    pub fn on(&self) -> On {
-        self.hit.as_ref().map_or_else(On::default, On::at)
+    /// Faces that a ray along `d` begins on, and the medium there: a rough interface sends light through, too.
+    fn start(&self, scene: &Scene, d: DVec3) -> (On, Option<u32>) {
+        let Some(h) = &self.hit else { return (On::default(), self.medium) };
+        let through = h.n.dot(d) * h.n.dot(self.w) > 0.0;
+        let behind = || scene.shapes[h.shape as usize].medium_behind(self.w, h.n, self.medium);
+        (On::at(h), if through { behind() } else { self.medium })
     }
 
     /// Scattering toward `d` per solid angle of d, cosines of both sides included (importance: the light's side counts by the shading
@@ -48,36 +52,57 @@ impl Vertex {
                 Rgb::splat(scene.media[id as usize].phase.eval(one_minus_cos(self.w, d)))
             }
             Some(h) => {
-                let Surface::Diffuse { reflectance, .. } = surface(scene, h) else { return Rgb::ZERO };
-                let l = -self.w;
+                let (surface, l) = (scene.surface_of(h.shape), -self.w);
                 let (cl, cd) = (h.n.dot(l), h.n.dot(d));
-                if cl * cd <= 0.0 {
-                    return Rgb::ZERO;
+                match surface {
+                    Surface::Diffuse { reflectance, .. } if cl * cd > 0.0 => {
+                        *reflectance * (surface.eval_unit(h.ns, d, l) * (cd / cl))
+                    }
+                    Surface::Rough(rough) if cl != 0.0 => {
+                        let lobe = rough.eval(h.normals(), d, l);
+                        lobe.tint * (lobe.f * (cd / cl).abs())
+                    }
+                    _ => Rgb::ZERO,
                 }
-                *reflectance * (surface(scene, h).eval_unit(h.ns, d, l) * (cd / cl))
             }
         }
     }
 
     /// A direction to go on in, with `scatter / density`, and the density per solid angle.
-    fn sample(&self, scene: &Scene, u: f64, v: f64) -> Option<(DVec3, Rgb, f64)> {
+    fn sample(&self, scene: &Scene, rng: &mut Rng) -> Option<(DVec3, Rgb, f64)> {
+        let (u, v) = (rng.uniform(), rng.uniform());
         match &self.hit {
             None => {
                 let (d, m) = scene.media[self.medium? as usize].phase.sample(self.w, u, v);
                 Some((d, Rgb::ONE, scene.media[self.medium? as usize].phase.eval(m)))
             }
             Some(h) => {
-                let side = if h.n.dot(self.w) < 0.0 { h.n } else { -h.n };
-                let d = warp::to_world(side, warp::cosine_hemisphere(u, v)).normalize();
-                let density = side.dot(d) / PI;
+                let d = match scene.surface_of(h.shape) {
+                    Surface::Rough(rough) => rough.sample(h.normals(), -self.w, u, v, rng.uniform())?,
+                    _ => {
+                        let side = if h.n.dot(self.w) < 0.0 { h.n } else { -h.n };
+                        warp::to_world(side, warp::cosine_hemisphere(u, v)).normalize()
+                    }
+                };
+                let density = self.density(scene, d);
                 (density > 0.0).then(|| (d, self.scatter(scene, d) / density, density))
             }
         }
     }
-}
 
-fn surface<'a>(scene: &'a Scene, h: &Hit) -> &'a Surface {
-    &scene.surfaces[scene.shapes[h.shape as usize].surface as usize]
+    /// With which [`Vertex::sample`] draws a direction.
+    fn density(&self, scene: &Scene, d: DVec3) -> f64 {
+        match &self.hit {
+            None => self.medium.map_or(0.0, |id| scene.media[id as usize].phase.eval(one_minus_cos(self.w, d))),
+            Some(h) => match scene.surface_of(h.shape) {
+                Surface::Rough(rough) => rough.eval(h.normals(), -self.w, d).pdf,
+                _ => {
+                    let side = if h.n.dot(self.w) < 0.0 { h.n } else { -h.n };
+                    side.dot(d).max(0.0) / PI
+                }
+            },
+        }
+    }
 }
 
 /// Transmittance of the clear way from `p` along `w`; `None` where something stands in it.
@@ -97,7 +122,8 @@ pub fn seen(cx: &mut Context, z: &Vertex, q: &Projected) -> Option<Rgb> {
     if f.is_zero() {
         return None;
     }
-    Some(f * clear(cx, z.p, -q.w, q.distance, z.medium, &z.on())?)
+    let (on, medium) = z.start(cx.scene, -q.w);
+    Some(f * clear(cx, z.p, -q.w, q.distance, medium, &on)?)
 }
 
 /// The walk and its connections.
@@ -143,13 +169,13 @@ impl LightWalk<'_> {
                 let lead = if start { lead } else { &[] };
                 self.through_a_camera_ray(cx, &z, start, s.beta / s.r.mean() * shown, lead, &mut s.rng, emit);
             }
-            let (u, v) = (s.rng.uniform(), s.rng.uniform());
-            let Some((w, f, density)) = z.sample(scene, u, v) else { break };
+            let Some((w, f, density)) = z.sample(scene, &mut s.rng) else { break };
             s.beta *= f;
             if self.roulette(&mut s, set.rr_depth) {
                 break;
             }
-            (s.o, s.w, s.on, s.medium) = (z.p, w, z.on(), z.medium);
+            (s.o, s.w) = (z.p, w);
+            (s.on, s.medium) = z.start(scene, w);
             let from = z.p;
             let Some((next, flight)) = fly(cx, &mut s) else { break };
             s.depth += 1;
@@ -263,15 +289,8 @@ impl LightWalk<'_> {
 
     /// Density per volume of technique (a) at the distance `d` along `w` from a vertex.
     fn walk_density(&self, cx: &Context, z: &Vertex, w: DVec3, d: f64) -> f64 {
-        let scene = cx.scene;
-        let direction = match &z.hit {
-            None => z.medium.map_or(0.0, |id| scene.media[id as usize].phase.eval(one_minus_cos(z.w, w))),
-            Some(h) => {
-                let side = if h.n.dot(z.w) < 0.0 { h.n } else { -h.n };
-                side.dot(w).max(0.0) / PI
-            }
-        };
-        direction * flight_density(cx, z, w, d) / (d * d)
+        let medium = z.start(cx.scene, w).1;
+        z.density(cx.scene, w) * flight_density(cx, z.p, medium, w, d) / (d * d)
     }
 }
 
@@ -307,12 +326,12 @@ fn camera_span(cx: &mut Context, o: DVec3, w: DVec3, t: f64) -> Option<(MediumSp
 }
 
 /// A stand-in for the density per length of a collision at the distance `d`: that of the vertex's own medium, for weights only.
-/// It has to be the same function whichever technique asks, so it looks at nothing but vertex, direction and distance.
-fn flight_density(cx: &Context, z: &Vertex, w: DVec3, d: f64) -> f64 {
+/// It has to be the same function whichever technique asks, so it looks at nothing but vertex, medium, direction and distance.
+fn flight_density(cx: &Context, z: DVec3, medium: Option<u32>, w: DVec3, d: f64) -> f64 {
     let scene = cx.scene;
-    let medium = z.medium.or_else(|| (0..scene.media.len() as u32).next());
+    let medium = medium.or_else(|| (0..scene.media.len() as u32).next());
     let Some(id) = medium else { return 0.0 };
-    let span = MediumSpan::new(id, z.p, w, f64::INFINITY, &On::default(), None);
+    let span = MediumSpan::new(id, z, w, f64::INFINITY, &On::default(), None);
     let m = &scene.media[id as usize];
     match m.density_grid() {
         Some(g) => {
@@ -326,7 +345,7 @@ fn flight_density(cx: &Context, z: &Vertex, w: DVec3, d: f64) -> f64 {
 /// To the next collision or reflecting surface, with the stand-in density of a collision; weights in `s`.
 fn fly(cx: &mut Context, s: &mut State) -> Option<(Vertex, Option<f64>)> {
     let scene = cx.scene;
-    let start = Vertex { p: s.o, w: s.w, medium: s.medium, hit: None };
+    let (z, medium) = (s.o, s.medium);
     let mut before = 0.0;
     for _ in 0..scene.max_interfaces {
         let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
@@ -335,13 +354,13 @@ fn fly(cx: &mut Context, s: &mut State) -> Option<(Vertex, Option<f64>)> {
             let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());
             if let Some(t) = tracking::fly(&scene.media[id as usize], &span, s) {
                 let p = s.o + s.w * t;
-                let density = flight_density(cx, &start, s.w, before + t);
+                let density = flight_density(cx, z, medium, s.w, before + t);
                 return Some((Vertex { p, w: s.w, medium: Some(id), hit: None }, Some(density)));
             }
         }
         let h = hit?;
         if !scene.passes(&h) {
-            let surface = &scene.surfaces[scene.shapes[h.shape as usize].surface as usize];
+            let surface = scene.surface_of(h.shape);
             let vertex = Vertex { p: h.p, w: s.w, medium: s.medium, hit: Some(h) };
             // Beyond smooth surfaces is `virtual_edge`'s.
             return (surface.reflects(h.ns, -s.w) && !surface.is_smooth()).then_some((vertex, None));

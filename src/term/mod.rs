@@ -198,7 +198,7 @@ impl Motion {
         }
         panes::check(scene, sensor, margin, self)?;
         interfaces::check(scene, self)?;
-        rough::check(scene, self, params)?;
+        rough::check(scene, params)?;
         if let Some(name) = &self.glowing_null {
             return Err(Error::usage(
                 format!("the lamp `{name}` has a null bsdf, and something moves: this cannot be differentiated yet"),
@@ -213,7 +213,7 @@ impl Motion {
             });
             // One of them moves, or the camera, or these: the curve itself has to be known.
             let concerned = |&&(a, b): &&(u32, u32)| {
-                let smooth = |k: u32| scene.surfaces[scene.shapes[k as usize].surface as usize].is_smooth();
+                let smooth = |k: u32| scene.surface_of(k).is_smooth();
                 let moves = self.moving.camera || turns || self.moves(a) || self.moves(b) || smooth(a) || smooth(b);
                 moves && (smooth(a) || smooth(b) || !cuts::are_straight(scene, self, [a, b]))
             };

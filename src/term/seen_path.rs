@@ -49,19 +49,25 @@ impl Vertex {
     }
 
     /// What rays that leave it begin in.
-    pub fn place(&self) -> Place {
-        let on = match &self.point {
-            Point::Surface(h) => On::at(h),
-            _ => On::default(),
-        };
-        Place { on, medium: self.medium }
+    pub fn place(&self, scene: &Scene) -> Place {
+        match &self.point {
+            Point::Surface(h) => {
+                let behind = scene.shapes[h.shape as usize].medium_behind(self.w, h.n, self.medium);
+                Place { on: On::at(h), medium: self.medium, beyond: Some((h.n * h.n.dot(self.w), behind)) }
+            }
+            _ => Place::within(self.medium),
+        }
     }
 
     /// Scattering of light from the direction d per solid angle of d, its cosine included. Without σ_s.
     pub fn scatter(&self, scene: &Scene, d: DVec3) -> Rgb {
         match &self.point {
-            Point::Surface(h) => match &scene.surfaces[scene.shapes[h.shape as usize].surface as usize] {
+            Point::Surface(h) => match scene.surface_of(h.shape) {
                 surface @ Surface::Diffuse { reflectance, .. } => *reflectance * surface.eval_unit(h.ns, -self.w, d),
+                Surface::Rough(rough) => {
+                    let lobe = rough.eval(h.normals(), -self.w, d);
+                    lobe.tint * lobe.f
+                }
                 _ => Rgb::ZERO,
             },
             _ => {
@@ -153,7 +159,7 @@ impl Recorder for Path {
         let point = match s.stage {
             Stage::Medium => Point::Medium(s.o),
             Stage::Surface(hit) => {
-                let surface = &scene.surfaces[scene.shapes[hit.shape as usize].surface as usize];
+                let surface = scene.surface_of(hit.shape);
                 if surface.is_smooth() || !surface.reflects(hit.ns, -s.w) {
                     return false;
                 }

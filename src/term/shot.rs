@@ -92,6 +92,19 @@ struct Left {
 pub struct Place {
     pub on: On,
     pub medium: Option<u32>,
+    /// On a surface: the direction across it from which on rays go through, and the medium there.
+    pub beyond: Option<(DVec3, Option<u32>)>,
+}
+
+impl Place {
+    /// On no surface.
+    pub fn within(medium: Option<u32>) -> Place {
+        Place { on: On::default(), medium, beyond: None }
+    }
+
+    fn medium(&self, w: DVec3) -> Option<u32> {
+        self.beyond.filter(|(across, _)| across.dot(w) > 0.0).map_or(self.medium, |(_, medium)| medium)
+    }
 }
 
 /// Walk a ray through the scene; `choose` says at each smooth surface whether to go through (`None`: the chain ends before it), given the share that is mirrored. Its weight leaves out media unless it is `weighed`.
@@ -102,7 +115,8 @@ fn walk(
     weighed: bool,
     mut choose: impl FnMut(&Specular, f64, bool) -> Option<bool>,
 ) -> Option<Left> {
-    let mut ray = Left { at: start, on: place.on, medium: place.medium, chain: Vec::new(), weight: Rgb::ONE };
+    let medium = place.medium(start.w);
+    let mut ray = Left { at: start, on: place.on, medium, chain: Vec::new(), weight: Rgb::ONE };
     loop {
         let (line, hit) = Line::to_surface(scene, ray.at.o, ray.at.w, &ray.on, ray.medium, weighed)?;
         let Some(hit) = hit else { return Some(ray) };

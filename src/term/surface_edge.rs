@@ -29,6 +29,7 @@ impl SurfaceEdge {
 pub fn is_needed(scene: &Scene) -> bool {
     scene.shapes.iter().any(|s| match &scene.surfaces[s.surface as usize] {
         Surface::Diffuse { reflectance, .. } => !reflectance.is_zero(),
+        Surface::Rough(_) => true,
         _ => false,
     })
 }

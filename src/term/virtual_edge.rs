@@ -25,7 +25,7 @@ use crate::math::discrete::Discrete;
 use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
-use crate::scene::{Hit, Instance, On, Scene};
+use crate::scene::{Hit, Instance, Scene};
 use crate::sensor::{Projection, Sensor};
 use crate::shape::edges::FLAT;
 use crate::shape::{Geometry, Shape};
@@ -102,7 +102,7 @@ fn parts(scene: &Scene, e: &SharedEdge) -> bool {
 }
 
 fn is_smooth(scene: &Scene, shape: u32) -> bool {
-    scene.surfaces[scene.shapes[shape as usize].surface as usize].is_smooth()
+    scene.surface_of(shape).is_smooth()
 }
 
 /// Whether anything straight before the rim of a ball scatters light: not what only balls hold.
@@ -131,7 +131,7 @@ fn camera_eye(sensor: &Sensor) -> Eye {
 }
 
 fn camera_place(sensor: &Sensor) -> Place {
-    Place { on: On::default(), medium: sensor.medium }
+    Place::within(sensor.medium)
 }
 
 /// Random rays of the film.
@@ -222,7 +222,7 @@ impl VirtualEdge {
         if scatter.is_zero() {
             return;
         }
-        let Some(shot) = shot::straight(scene, v.p(), &v.place(), b) else { return };
+        let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), b) else { return };
         let weight = v.weight * scatter * shot.weight * (facing.sin / (shot.spread * per_length * probability));
         let Some(jump) = self.jump(cx, &shot, b, &facing, &e.faces, v.depth + 1, true, rng) else { return };
         self.hand_out(cx, path, v, &shot, b, facing.n, &e.faces, weight, &jump, film, emit);
@@ -248,7 +248,7 @@ impl VirtualEdge {
         if scatter.is_zero() {
             return;
         }
-        let Some(shot) = shot::straight(scene, v.p(), &v.place(), line.b) else { return };
+        let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), line.b) else { return };
         let grazed = [(ball, Vec::new())];
         let end = ends::past(scene, line.b, line.w, line.n, &grazed);
         let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
@@ -308,7 +308,7 @@ impl VirtualEdge {
     ) {
         let scene = cx.scene;
         let start = |cx: &Context, w: DVec3| MovingRay::leaving(v.p(), w, path.velocity(cx, v));
-        let (eye, place) = (Eye::Point(v.p()), v.place());
+        let (eye, place) = (Eye::Point(v.p()), v.place(scene));
         let random = |rng: &mut Rng| {
             // Small interfaces are found by their points, large ones by directions: of a plane without end nearly all points are seen at grazing.
             if rng.uniform() < 0.5 {

@@ -4,7 +4,7 @@
 //! (distant light: `-ḋ`) and its length grows by `ṙ = <w,ṗ>`; the points of the segment move with their share of both. So every
 //! factor hands out a covector on ẇ and a number on ṙ, [T] (31) for any medium:
 //!
-//! * scattering: `f'/f <w_in, ẇ>`, at a surface `<n,ẇ>/<n,w>`;
+//! * scattering: `f'/f <w_in, ẇ>`, at a surface `<n,ẇ>/<n,w>`, at a rough one its own slope ([`crate::surface::rough`]);
 //! * intensity of a spot: its slope times `-<axis, ẇ>`;
 //! * inverse square: `-2/r ṙ`;
 //! * optical depth: `σ(p) ṙ + ∫ s <∇σ,ẇ> ds - Σ over borders of Δσ s <n,ẇ>/<n,w>` ([T] (10), (13), (16) with the medium's own source left out).
@@ -20,6 +20,7 @@ use crate::medium::{Medium, NO_SLOT, Volume};
 use crate::params::{Covector, ParamSet, Sink, Slot};
 use crate::phase::one_minus_cos;
 use crate::scene::{March, On, Scene};
+use crate::surface::{Normals, Surface};
 
 /// What scatters at the start of a connection.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +29,8 @@ pub enum Turn {
     Phase(u32, DVec3),
     /// Shading normal.
     Cosine(DVec3),
+    /// Rough surface, normals, and where the path came from.
+    Facets { surface: u32, normals: Normals, wi: DVec3 },
 }
 
 /// A connection to a light that moves.
@@ -67,7 +70,7 @@ pub fn partials(scene: &Scene, params: &ParamSet, aim: &Aim, value: Rgb, sink: &
     // On ẇ, and on ṙ.
     let mut turning = Covector::default();
     let mut growing = Rgb::ZERO;
-    turning.add(aim.turn.score(scene, w), value);
+    turning += aim.turn.score(scene, w).weighed(value);
     if !aim.model {
         let mut rng = aim.rng;
         let line = Line { o: aim.y, w, length: aim.distance, medium: aim.medium, on: aim.on, within: aim.within };
@@ -89,15 +92,21 @@ pub fn partials(scene: &Scene, params: &ParamSet, aim: &Aim, value: Rgb, sink: &
 
 impl Turn {
     /// `f'/f` as a covector on ẇ, w being the unit direction toward the light.
-    pub(super) fn score(&self, scene: &Scene, w: DVec3) -> DVec3 {
+    pub(super) fn score(&self, scene: &Scene, w: DVec3) -> Covector {
+        let mut score = Covector::default();
         match *self {
             Turn::Phase(medium, travel) => {
                 let (f, df) = scene.media[medium as usize].phase.eval_with_slope(one_minus_cos(travel, w));
                 // d(1-mu) = -<travel, ẇ>
-                travel * (-df / f)
+                score.add(travel * (-df / f), Rgb::ONE);
             }
-            Turn::Cosine(n) => n / n.dot(w),
+            Turn::Cosine(n) => score.add(n / n.dot(w), Rgb::ONE),
+            Turn::Facets { surface, normals, wi } => {
+                let Surface::Rough(rough) = &scene.surfaces[surface as usize] else { return score };
+                return rough.slopes(normals, wi, w).map_or(score, |s| s.wo);
+            }
         }
+        score
     }
 }
 

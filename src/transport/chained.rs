@@ -158,7 +158,7 @@ impl Start {
             Event::Span { span, .. } if seen => cx.camera_span(span, &self.first, after),
             Event::Span { span, .. } => chain.span(cx.scene, span),
             Event::Scatter { medium, p, w, .. } => cx.scatter(chain, *medium, *p, *w, is_first),
-            Event::Surface { hit, .. } => cx.reflect(chain, hit, is_first),
+            Event::Surface { hit, wi, .. } => cx.reflect(chain, hit, *wi, is_first),
             Event::Emit { weight, emission, end } if !seen => cx.arrive(chain, *end, *weight * emission.color()),
             Event::Glow { weight, radiance, via, first_span, spans, .. } => {
                 let dark = *weight;

@@ -94,7 +94,7 @@ pub fn from_surface<R: Recorder>(w: &mut Walker<R>, s: &mut State, facing: &Faci
     let weight = s.beta / s.r.mean() * lobe.tint * (lobe.f * a.factor / probability);
     let (on, medium) = vertex.start(s, a.w);
     let aim = beside::follows(w, light, s.left, s.o, None)
-        .then(|| Aim::new(light, s.o, medium, on, &a, Turn::Cosine(facing.normals.shading), s.aside));
+        .then(|| Aim::new(light, s.o, medium, on, &a, facing.turn(), s.aside));
     let end = End::of(light, s.o, &a);
     if let Some(value) = finish(w, s, &a, end, (&on, medium), weight, probability, lobe.pdf, 1.0, None, aim) {
         vertex.scored(w.rec, a.w, value);

@@ -23,6 +23,7 @@ use crate::scene::nearest::Kind;
 use crate::scene::{Hit, Scene};
 use crate::shape::Shape;
 use crate::shape::edges::to_border;
+use crate::surface::Surface;
 
 /// Radius of the ball over the distance to what it must not meet.
 const CLEAR: f64 = 0.9;
@@ -178,7 +179,7 @@ pub struct First {
     pub velocity: Velocity,
     /// Of the measure dt along the ray.
     pub stretch: Rate,
-    /// How the ray turns, ω̇.
+    /// How the ray turns, ω̇; left out where nothing asks: on surfaces that scatter by a cosine.
     pub turn: Velocity,
     /// Where it is, and on what surface.
     at: Option<(DVec3, Option<Hit>)>,
@@ -318,6 +319,9 @@ impl FilmLine<'_> {
         let stop = Stop::Opaque { shape: hit.shape, face: hit.face, n: hit.n };
         let velocity = self.end(hit.p, w, &stop);
         let mut first = First { velocity, at: Some((hit.p, Some(*hit))), ..First::default() };
+        if matches!(self.scene.surface_of(hit.shape), Surface::Rough(_)) {
+            first.turn = self.ray.turn(hit.p, w);
+        }
         if self.field().follows() {
             let mut e = first.velocity.clone();
             if self.field().class(hit.shape).is_some() {

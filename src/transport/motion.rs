@@ -6,7 +6,8 @@
 //!
 //! * `ċ_x/c_x + ċ_z/c_z - 2ḋ/d - τ̇` a segment from x to z ([T] (27b); c = 1 in a medium; τ: [`super::piece`]), c_x by the shading normal (it belongs to f), c_z by the
 //!   geometric one;
-//! * the slope of the phase function as directions turn, `<ẋ, ∇σ_s>/σ_s` where σ_s is no constant;
+//! * the slope of the phase function as directions turn, that of a rough surface's value (in place of its cosine; [`crate::surface::rough`]) as they and its normal do;
+//! * `<ẋ, ∇σ_s>/σ_s` where σ_s is no constant;
 //! * `J̇ = div ẋ` a vertex;
 //! * on the camera's segment `τ̇` only: the film is fixed.
 //!
@@ -174,10 +175,20 @@ fn follows(scene: &Scene, params: &ParamSet, light: u32) -> bool {
 /// The far end of a segment.
 #[derive(Clone, Debug)]
 enum Tip {
-    /// A surface point: its shape's matter, what it does on top of it, and what its own segments ask of its velocity and of its normal.
-    Surface { shape: u32, face: u32, p: DVec3, n: DVec3, carried: Velocity, spread: Rate, at: Covector, turn: Covector },
-    /// A medium point; `turned`: on how the segment's direction turns there.
-    Medium { p: DVec3, velocity: Velocity, turned: Covector },
+    /// A surface point: its shape's matter, what it does on top of it, and what its own segments ask of its velocity, of its normal, and of the direction of arrival.
+    Surface {
+        shape: u32,
+        face: u32,
+        p: DVec3,
+        n: DVec3,
+        carried: Velocity,
+        spread: Rate,
+        at: Covector,
+        normal: Covector,
+        arrival: Covector,
+    },
+    /// A medium point; `arrival`: on how the segment's direction turns there.
+    Medium { p: DVec3, velocity: Velocity, arrival: Covector },
     /// A light with a position and no extent; where the medium does not follow it, its own motion is [`super::aim`]'s.
     Point(u32),
     /// A direction, unit.
@@ -266,8 +277,8 @@ impl<S: Sink> Chained<'_, S> {
         match end {
             End::Shape { shape, face, p, n } => {
                 let (carried, spread) = Moving::on_surface(first, p, self.after);
-                let (at, turn) = (Covector::default(), Covector::default());
-                Tip::Surface { shape, face, p, n, carried, spread, at, turn }
+                let (at, normal, arrival) = Default::default();
+                Tip::Surface { shape, face, p, n, carried, spread, at, normal, arrival }
             }
             End::Point(light) => Tip::Point(light),
             End::Beam(way) => Tip::Beam(way),
@@ -377,9 +388,9 @@ impl<S: Sink> Chained<'_, S> {
         self.turn_to(chain, v, after, is_first);
     }
 
-    /// The surface vertex that all legs left.
-    pub fn reflect(&mut self, chain: &mut Chain, hit: &Hit, is_first: bool) {
-        let mut v = Vertex::new(Place::Surface(hit));
+    /// The surface vertex that all legs left; `wi`: toward where the path came from.
+    pub fn reflect(&mut self, chain: &mut Chain, hit: &Hit, wi: DVec3, is_first: bool) {
+        let mut v = Vertex::new(Place::Surface { hit, wi });
         let after = v.leave_all(self, chain, is_first);
         self.turn_to(chain, v, after, is_first);
     }
@@ -415,7 +426,7 @@ impl<S: Sink> Chained<'_, S> {
 /// What a vertex is.
 #[derive(Clone, Copy, Debug)]
 enum Place<'a> {
-    Surface(&'a Hit),
+    Surface { hit: &'a Hit, wi: DVec3 },
     Medium { medium: u32, p: DVec3, travel: DVec3 },
 }
 
@@ -424,18 +435,20 @@ struct Vertex<'a> {
     place: Place<'a>,
     /// On its velocity.
     at: Covector,
-    /// On how its shading normal turns, or (in a medium) the direction of travel on arrival.
-    turn: Covector,
+    /// On how its shading normal turns.
+    normal: Covector,
+    /// On how the direction of travel on arrival does.
+    arrival: Covector,
 }
 
 impl<'a> Vertex<'a> {
     fn new(place: Place<'a>) -> Self {
-        Vertex { place, at: Covector::default(), turn: Covector::default() }
+        Vertex { place, at: Covector::default(), normal: Covector::default(), arrival: Covector::default() }
     }
 
     fn p(&self) -> DVec3 {
         match self.place {
-            Place::Surface(hit) => hit.p,
+            Place::Surface { hit, .. } => hit.p,
             Place::Medium { p, .. } => p,
         }
     }
@@ -463,16 +476,24 @@ impl<'a> Vertex<'a> {
     fn scattered(&mut self, scene: &Scene, w: DVec3, value: Rgb) -> Covector {
         let mut turning = Covector::default();
         match self.place {
-            Place::Surface(hit) => {
-                let c = hit.ns.dot(w);
-                self.turn.add(w, value * (1.0 / c));
-                turning.add(hit.ns, value * (1.0 / c));
-            }
+            Place::Surface { hit, wi } => match scene.surface_of(hit.shape) {
+                Surface::Rough(rough) => {
+                    let Some(slopes) = rough.slopes(hit.normals(), wi, w) else { return turning };
+                    self.normal += slopes.n.weighed(value);
+                    self.arrival += slopes.wi.weighed(-value);
+                    turning += slopes.wo.weighed(value);
+                }
+                _ => {
+                    let c = hit.ns.dot(w);
+                    self.normal.add(w, value * (1.0 / c));
+                    turning.add(hit.ns, value * (1.0 / c));
+                }
+            },
             Place::Medium { medium, travel, .. } => {
                 let phase = &scene.media[medium as usize].phase;
                 let (f, df) = phase.eval_with_slope(one_minus_cos(travel, w));
                 turning.add(travel, value * (-df / f));
-                self.turn.add(w, value * (-df / f));
+                self.arrival.add(w, value * (-df / f));
             }
         }
         turning
@@ -507,8 +528,11 @@ impl<'a> Vertex<'a> {
         // How the direction turns is across/d of ż - ẋ.
         let mut turning = self.scattered(scene, w, value);
         match &leg.tip {
-            Tip::Surface { n, .. } => turning.add(*n, value * (1.0 / n.dot(w))),
-            Tip::Medium { turned, .. } => turning += *turned,
+            Tip::Surface { n, arrival, .. } => {
+                turning.add(*n, value * (1.0 / n.dot(w)));
+                turning += *arrival;
+            }
+            Tip::Medium { arrival, .. } => turning += *arrival,
             Tip::Point(light) => {
                 if let LightKind::Spot { axis, beam, cutoff, .. } = scene.lights[*light as usize].kind {
                     let (s, [ds]) = gradient([-w.dot(axis)], |[c]| spot_falloff(c, beam.into(), cutoff.into()));
@@ -561,7 +585,7 @@ impl<'a> Vertex<'a> {
         far += passing;
         match &leg.tip {
             Tip::Medium { velocity, .. } => velocity.apply(scene, cx.sensor, &far, cx.sink),
-            Tip::Surface { shape, face, n, carried, spread, at, turn, .. } => {
+            Tip::Surface { shape, face, n, carried, spread, at, normal, .. } => {
                 let mut turned = Covector::default();
                 turned.add(w, value * (1.0 / n.dot(w)));
                 // What it is carried by keeps to the direction, its matter does not.
@@ -571,7 +595,7 @@ impl<'a> Vertex<'a> {
                     // On Δ: what asks for z's velocity beside the segment itself.
                     let mut asks = passing;
                     asks += *at;
-                    asks += bend_form(scene, *shape, p, *n, turn);
+                    asks += bend_form(scene, *shape, p, *n, normal);
                     let mut form = transposed(&a.map, &asks);
                     form.add(a.form, value);
                     self.at += form;
@@ -605,18 +629,19 @@ impl<'a> Vertex<'a> {
                 let (velocity, rate) = cx.moving.in_medium(cx.scene, cx.first, p, cx.after);
                 velocity.apply(cx.scene, cx.sensor, &self.at, cx.sink);
                 rate.apply(cx.scene, cx.sensor, after, cx.sink);
-                Tip::Medium { p, velocity, turned: self.turn }
+                Tip::Medium { p, velocity, arrival: self.arrival }
             }
-            Place::Surface(hit) => {
+            Place::Surface { hit, .. } => {
                 let (carried, spread) = Moving::on_surface(cx.first, hit.p, cx.after);
-                move_matter(cx, [hit.shape, hit.face], hit.p, hit.ns, &self.at, &self.turn);
-                slide(cx, hit.shape, hit.p, hit.ns, &self.at, &self.turn, &carried);
+                move_matter(cx, [hit.shape, hit.face], hit.p, hit.ns, &self.at, &self.normal);
+                slide(cx, hit.shape, hit.p, hit.ns, &self.at, &self.normal, &carried);
                 if cx.moving.moves(hit.shape) {
                     cx.scene.matter(hit.shape, hit.face).area(hit.n, after, cx.sink);
                 }
                 spread.apply(cx.scene, cx.sensor, after, cx.sink);
-                let Vertex { at, turn, .. } = self;
-                Tip::Surface { shape: hit.shape, face: hit.face, p: hit.p, n: hit.n, carried, spread, at, turn }
+                let Vertex { at, normal, arrival, .. } = self;
+                let Hit { shape, face, p, n, .. } = *hit;
+                Tip::Surface { shape, face, p, n, carried, spread, at, normal, arrival }
             }
         }
     }
@@ -627,17 +652,18 @@ impl<'a> Vertex<'a> {
             Place::Medium { .. } => {
                 first.velocity.apply(cx.scene, cx.sensor, &self.at, cx.sink);
                 first.stretch.apply(cx.scene, cx.sensor, after, cx.sink);
-                first.turn.apply(cx.scene, cx.sensor, &self.turn, cx.sink);
+                first.turn.apply(cx.scene, cx.sensor, &self.arrival, cx.sink);
             }
-            Place::Surface(hit) => {
+            Place::Surface { hit, .. } => {
                 first.velocity.apply(cx.scene, cx.sensor, &self.at, cx.sink);
+                first.turn.apply(cx.scene, cx.sensor, &self.arrival, cx.sink);
                 // Sliding over the matter it sees another normal.
                 let mut over = first.velocity.clone();
                 if cx.moving.moves(hit.shape) {
-                    cx.scene.matter(hit.shape, hit.face).normal(hit.ns, &self.turn, cx.sink);
+                    cx.scene.matter(hit.shape, hit.face).normal(hit.ns, &self.normal, cx.sink);
                     over = over.plus(-1.0, &Velocity::of(Source::at(hit), hit.p));
                 }
-                bend(cx, hit.shape, hit.p, hit.ns, &self.turn, &over);
+                bend(cx, hit.shape, hit.p, hit.ns, &self.normal, &over);
             }
         }
     }

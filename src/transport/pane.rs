@@ -184,7 +184,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         return;
     }
     for (k, pane) in scene.panes.iter().enumerate() {
-        let surface = &scene.surfaces[scene.shapes[pane.shape as usize].surface as usize];
+        let surface = scene.surface_of(pane.shape);
         for (id, light) in scene.lights.iter().enumerate().filter(|(_, l)| l.is_delta()) {
             let Some(r) = Origin::of(light).and_then(|f| reach(surface, pane, f, V3::constant(s.o))) else { continue };
             let [at, before, behind] = [r.at, r.before, r.behind].map(V3::value);

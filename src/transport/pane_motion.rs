@@ -52,14 +52,14 @@ pub fn partials(scene: &Scene, params: &ParamSet, aim: &PaneAim, value: Rgb, sin
         LightKind::Directional { direction } => (Origin::Infinity(seeded(direction)), light.place.direction),
         _ => return,
     };
-    let surface = &scene.surfaces[scene.shapes[pane.shape as usize].surface as usize];
+    let surface = scene.surface_of(pane.shape);
     let Some(r) = reach(surface, pane, from, V3::constant(aim.x)) else { return };
     let (before, behind, at) = (columns(r.before), columns(r.behind), columns(r.at));
     let profile = aim::profile(light, params, -r.before.value(), value, true, sink);
     let turning = aim.turn.score(scene, -r.behind.value());
     let mut score: [Rgb; 3] = std::array::from_fn(|k| {
         let share = |g: Dual<3>| if g.v == 0.0 { 0.0 } else { g.d[k] / g.v };
-        Rgb::from_fn(|c| share(r.gain[c])) + Rgb::splat(profile.dot(before[k]) - turning.dot(behind[k]))
+        Rgb::from_fn(|c| share(r.gain[c])) + Rgb::splat(profile.dot(before[k])) - turning.dot(behind[k])
     });
     depths(scene, aim, &r, |k, d| score[k] += -d, &at, [&before, &behind]);
     aim::vector(params, slot, |k| value * score[k], sink);

@@ -74,11 +74,6 @@ pub struct Turned {
     share_index: SmallVec<[(Slot, Rgb); 2]>,
 }
 
-/// A unit vector whose components are the variables from `first` on.
-fn variable<const N: usize>(v: DVec3, first: usize) -> V3<Dual<N>> {
-    V3::new(Dual::variable(v.x, first), Dual::variable(v.y, first + 1), Dual::variable(v.z, first + 2))
-}
-
 /// The partials of a vector by three variables.
 fn jacobian<const N: usize>(v: V3<Dual<N>>, first: usize) -> DMat3 {
     let column = |k: usize| DVec3::new(v.x.d[first + k], v.y.d[first + k], v.z.d[first + k]);
@@ -134,7 +129,7 @@ impl Specular {
 
     /// Variables: direction, normal, index behind the front side, index before it.
     fn dielectric(&self, index: [f64; 2], slot: Slot, share: Share) -> Slopes {
-        let (d, n) = (variable::<8>(self.w, 0), variable::<8>(self.n, 3));
+        let (d, n) = (V3::<Dual<8>>::variable(self.w, 0), V3::<Dual<8>>::variable(self.n, 3));
         let front = self.n.dot(self.w) < 0.0;
         let side = if front { n } else { -n };
         let (interior, exterior) = (Dual::variable(index[0], 6), Dual::variable(index[1], 7));
@@ -162,7 +157,7 @@ impl Specular {
 
     /// Variables of the direction: direction, normal; of the share: cosine, eta, k.
     fn conductor(&self, eta: Rgb, k: Rgb, slot: Slot) -> Slopes {
-        let mut s = Slopes::of(mirrored(variable::<6>(self.w, 0), variable(self.n, 3)));
+        let mut s = Slopes::of(mirrored(V3::<Dual<6>>::variable(self.w, 0), V3::variable(self.n, 3)));
         let cos = self.n.dot(self.w);
         for c in 0..3 {
             let f = conductor(Dual::<3>::variable(cos.abs(), 0), Dual::variable(eta[c], 1), Dual::variable(k[c], 2));
@@ -204,7 +199,7 @@ impl FilmLine<'_> {
 
     /// The same, and how the light's share changes.
     pub fn turned(&self, b: &Specular) -> (MovingRay, Turned) {
-        let slopes = b.slopes(self.surface_of(b), Share::Radiance);
+        let slopes = b.slopes(self.scene.surface_of(b.hit.shape), Share::Radiance);
         let (by_d, by_n, by_index) = (slopes.by_d, slopes.by_n, slopes.by_index.clone());
         let (start, turned) = self.at_interface(b, slopes);
         let mut out = turned.coming.clone().mapped(by_d).plus(1.0, &turned.normal.clone().mapped(by_n));
@@ -215,10 +210,6 @@ impl FilmLine<'_> {
         }
         let out = out.mapped(DMat3::IDENTITY - outer(b.out, b.out));
         (MovingRay::new(b.hit.p, b.out, start, out), turned)
-    }
-
-    fn surface_of(&self, b: &Specular) -> &Surface {
-        &self.scene.surfaces[self.scene.shapes[b.hit.shape as usize].surface as usize]
     }
 
     /// How the ray's point there moves, and how the light's share changes.
@@ -253,7 +244,7 @@ impl FilmLine<'_> {
     /// What an interface adds for parallel light that the ray is a line of, where `value` was collected behind it.
     pub fn flux_partials(&self, sensor: &Sensor, b: &Specular, value: Rgb, sink: &mut impl Sink) {
         if !value.is_zero() {
-            let slopes = b.slopes(self.surface_of(b), Share::Irradiance);
+            let slopes = b.slopes(self.scene.surface_of(b.hit.shape), Share::Irradiance);
             self.at_interface(b, slopes).1.partials(self.scene, sensor, value, sink);
         }
     }

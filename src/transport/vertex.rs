@@ -75,6 +75,14 @@ impl<'a> Facing<'a> {
         if self.is_beyond(w) { self.beyond } else { (s.on, s.medium) }
     }
 
+    /// How what it sends toward a light changes as the light's direction turns.
+    pub(super) fn turn(&self) -> Turn {
+        match self.surface {
+            Surface::Rough(_) => Turn::Facets { surface: self.id, normals: self.normals, wi: self.wi },
+            _ => Turn::Cosine(self.normals.shading),
+        }
+    }
+
     /// What the record keeps of a pair of directions where their value is a parameter's: `value` was added by a connection; without it, it is a factor of all that follows.
     pub fn event(&self, wo: DVec3, value: Option<Rgb>) -> Option<Event> {
         let rough = matches!(self.surface, Surface::Rough(_));
@@ -115,7 +123,7 @@ impl Vertex<'_> {
     pub(super) fn turn(&self, s: &State) -> Turn {
         match self {
             Vertex::Medium(id) => Turn::Phase(*id, s.w),
-            Vertex::Surface(f) => Turn::Cosine(f.normals.shading),
+            Vertex::Surface(f) => f.turn(),
         }
     }
 

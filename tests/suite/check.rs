@@ -5,7 +5,8 @@
 use crate::fog::{Folder, SCENE};
 use std::path::Path;
 use std::time::Duration;
-use tyndall::render::family::{Family, View};
+use tyndall::error::Error;
+use tyndall::render::family::{Family, Member, View};
 use tyndall::study::check::{self, CheckOptions, CheckReport, Place, Verdict};
 
 /// Check with our derivative times a factor, to 4 % (the command's own test below: 2 %).
@@ -94,6 +95,32 @@ fn intervals_end_before_what_is_refused() {
     let p = &found.unwrap_or_else(|e| panic!("{e}")).parameters[0];
     let [a, b] = p.interval.unwrap();
     assert!(a > 0.3 && b < 0.5 && p.verdict != Verdict::Fail && p.spp_ours <= 64.0, "{a} {b} {:?}", p.blocks);
+}
+
+/// A place that only the derivative refuses, in the middle of an interval whose ends it takes: narrower ones are tried, unless a step was asked for.
+#[test]
+fn intervals_get_narrower_where_a_place_within_is_refused() {
+    let family = Family::text(SCENE, &Path::new(env!("CARGO_MANIFEST_DIR")).join("check.xml"));
+    let terms = vec!["all".to_string()];
+    let view = View { sensor: 0, crop: [0, 0, 16, 16], terms: &terms, stop: None };
+    let ours = check::ours(view);
+    let options = |step| CheckOptions { spp: Some(64), max_spp: 64, step, ..CheckOptions::default() };
+    let run = |step: Option<f64>| {
+        let refuses = |member: &Member, params: &_, spp, seed, health: &_| {
+            let value = member.desc.params[member.desc.wrt("sigma_t")?].value;
+            if (0.65..0.75).contains(&value) {
+                return Err(Error::usage("no", "remedy"));
+            }
+            ours(member, params, spp, seed, health)
+        };
+        check::check(&family, view, &["sigma_t".to_string()], &options(step), &refuses, &mut |s| println!("{s}"))
+    };
+    let found = run(None).unwrap_or_else(|e| panic!("{e}"));
+    let p = &found.parameters[0];
+    let [a, b] = p.interval.unwrap();
+    assert!(a < p.value && b < 0.75 && p.verdict != Verdict::Fail, "{a} {b} {:?}", p.blocks);
+    let error = run(Some(0.58)).err().unwrap().to_string();
+    assert!(error.contains("--at value"), "{error}");
 }
 
 /// Both sides are exactly 0.

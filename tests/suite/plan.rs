@@ -34,7 +34,6 @@ const NO: Facts = Facts {
     rims: false,
     round_outline: false,
     beyond_interface: false,
-    rough: false,
     light_across_interface: false,
 };
 
