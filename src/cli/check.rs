@@ -27,7 +27,7 @@ use tyndall::study::check::{self, CheckOptions, CheckReport, ParameterCheck, Pla
 /// extrapolated (Richardson); what bias its step leaves is estimated and counted as error. Verdict of a parameter, over blocks of
 /// pixels: fail where they differ significantly (false alarms: 1 in 10000 looks, two looks in a row); pass where they do not
 /// and the combined standard error is at most 2 % of mean |d|, or where both are exactly 0; else undecided.
-/// Samples are doubled until that is settled. All but pass exit 3.
+/// Samples grow, twofold at most, until that is settled. All but pass exit 3.
 #[derive(Args)]
 pub struct CheckArgs {
     #[command(flatten)]

@@ -5,7 +5,7 @@
 //! estimated and counted as error.
 //!
 //! Rounds of both estimators, with seeds of their own, are compared over blocks (the verdict) and over pixels (counts).
-//! Samples are doubled where the error is larger until the comparison is sharp enough or disagreement is certain:
+//! Samples are doubled where the error is larger (or grow by what is still needed, or by what the time allows) until the comparison is sharp enough or disagreement is certain:
 //!
 //! - fail: significant over blocks ([`Agreement`]), at two numbers of samples in a row or at the last;
 //! - pass: not significant, and the combined standard error of blocks, step bias included, is on average at most the tolerance times
@@ -28,6 +28,10 @@ use std::time::{Duration, Instant};
 const ROUNDS: u64 = 32;
 /// A step whose bias is too large, and the next: the noise of differences grows faster than needed with anything smaller.
 const SMALLER: f64 = 0.7;
+/// Error over tolerance that samples are asked for; a little less than needed, since errors are estimates.
+const AIM: f64 = 0.97;
+/// Share of its samples by which a side grows at least: every look is one more chance of a false alarm.
+const LEAST_SHARE: f64 = 0.125;
 /// So often an interval is halved at most, because a place of it is refused.
 const NARROWER: u64 = 8;
 /// Samples that a round has at least, over its pixels: its pilot should not be what costs.
@@ -165,14 +169,15 @@ impl Stock {
         Stock { pixels: rounds.clone(), blocks: rounds, next: 0, seconds: 0.0 }
     }
 
-    /// 32 more rounds, which double the samples.
+    /// 32 more rounds, which add this share of the samples so far.
     fn grow(
         &mut self,
         blocks: &Blocks,
         first: u64,
+        share: f64,
         mut run: impl FnMut(u64, u64) -> Result<Vec<Vec<f64>>>,
     ) -> Result<()> {
-        let spp = if self.next == 0 { first } else { (self.spp() / ROUNDS as f64).round() as u64 };
+        let spp = if self.next == 0 { first } else { (self.spp() * share / ROUNDS as f64).round().max(1.0) as u64 };
         let start = Instant::now();
         for _ in 0..ROUNDS {
             let images = run(spp, self.next)?;
@@ -283,13 +288,13 @@ pub fn check(
 }
 
 impl Bench<'_> {
-    fn more_of_ours(&self, over: Option<Interval>, side: &mut Stock) -> Result<()> {
+    fn more_of_ours(&self, over: Option<Interval>, side: &mut Stock, share: f64) -> Result<()> {
         let seed = self.options.seed;
         match over {
-            Some(interval) => side.grow(&self.blocks, interval.first, |spp, round| {
+            Some(interval) => side.grow(&self.blocks, interval.first, share, |spp, round| {
                 interval.round(self.estimator, spp, seed, round, &self.health)
             }),
-            None => side.grow(&self.blocks, self.first, |spp, round| {
+            None => side.grow(&self.blocks, self.first, share, |spp, round| {
                 (self.estimator)(&self.member, &self.params, spp, stream(seed, 1, round), &self.health)
             }),
         }
@@ -327,24 +332,25 @@ impl Bench<'_> {
             Some((interval, own)) => (Some(interval), own, 1),
             None => (None, ours, *k + 1),
         };
-        let [mut more_ours, mut more_theirs] = [ours.next == 0, theirs.next == 0];
+        // By what share of its samples either side grows.
+        let [mut more_ours, mut more_theirs] = [&*ours, &*theirs].map(|s| f64::from(u8::from(s.next == 0)));
         loop {
-            if more_ours {
-                match (self.more_of_ours(interval.as_deref().copied(), ours), &mut interval) {
+            if more_ours > 0.0 {
+                match (self.more_of_ours(interval.as_deref().copied(), ours, more_ours), &mut interval) {
                     // Something is refused in the middle, where nobody had looked.
                     (Err(Error::Usage { .. }), Some(interval)) if o.step.is_none() && *generation < NARROWER => {
                         interval.step *= 0.5;
                         say(format!("{name}: an interval half as wide, some of it is refused"));
                         *difference = Difference::plain(at, side, interval.step)?;
                         (*ours, *theirs) = (Stock::new(2), Stock::new(difference.functionals()));
-                        (*generation, *suspicious, more_theirs) = (*generation + 1, false, true);
+                        (*generation, *suspicious, more_theirs) = (*generation + 1, false, 1.0);
                         continue;
                     }
                     (done, _) => done?,
                 }
             }
-            if more_theirs {
-                self.more_of_theirs(difference, theirs, *generation)?;
+            if more_theirs > 0.0 {
+                self.more_of_theirs(difference, theirs, *generation, more_theirs)?;
             }
             // The most that one sample of a difference can be.
             let event = ours.pixels[0].mean.iter().copied().fold(0.0, f64::max) / (2.0 * difference.step);
@@ -365,7 +371,9 @@ impl Bench<'_> {
             ));
             let sharp = blocks.relative_error <= o.tolerance;
             let certain = blocks.significant && *suspicious;
-            let next = self.next(errors, ours, theirs, deadline);
+            // An unexpected difference wants a second look at twice the samples.
+            let goal = if blocks.significant { 0.0 } else { AIM * o.tolerance * blocks.mean_abs / blocks.error };
+            let next = self.next(errors, goal, ours, theirs, deadline);
             let verdict = match (certain, sharp && !blocks.significant, next) {
                 (true, ..) => Some(Verdict::Fail),
                 (_, true, _) => Some(Verdict::Pass),
@@ -404,7 +412,7 @@ impl Bench<'_> {
                 *difference = Difference::extrapolated(at, side, SMALLER * difference.step)?;
                 *theirs = Stock::new(difference.functionals());
                 *generation += 1;
-                [more_ours, more_theirs] = [false, true];
+                [more_ours, more_theirs] = [0.0, 1.0];
                 continue;
             }
             [more_ours, more_theirs] = next.unwrap_or_default();
@@ -435,25 +443,39 @@ impl Bench<'_> {
         Ok((s.side, s.step, s.rungs, false))
     }
 
-    fn more_of_theirs(&self, d: &Difference, side: &mut Stock, generation: u64) -> Result<()> {
+    fn more_of_theirs(&self, d: &Difference, side: &mut Stock, generation: u64, share: f64) -> Result<()> {
         let run = |spp, round| {
             let seed = stream(self.options.seed, 2, round + (generation << 16));
             d.round(&self.view, spp, seed, &self.health)
         };
-        side.grow(&self.blocks, self.first, run)
+        side.grow(&self.blocks, self.first, share, run)
     }
 
-    /// Which side to double: the noisier one, both where they are alike; `None` where time or samples do not suffice.
-    fn next(&self, [a, b]: [f64; 2], ours: &Stock, theirs: &Stock, deadline: Instant) -> Option<[bool; 2]> {
-        let grow = [a >= 0.5 * b, b >= 0.5 * a];
-        // Doubling takes as long as all before.
-        let mut seconds = 0.0;
-        for (grows, side) in grow.iter().zip([ours, theirs]).filter(|g| *g.0) {
-            if !grows || 2.0 * side.spp() > self.options.max_spp as f64 {
-                return None;
+    /// By what share of its samples each side is to grow: the noisier one, both where they are alike, to twice as many, or to what brings the error to `goal` of what it is;
+    /// `None` where time or samples do not suffice.
+    fn next(
+        &self,
+        [a, b]: [f64; 2],
+        goal: f64,
+        ours: &Stock,
+        theirs: &Stock,
+        deadline: Instant,
+    ) -> Option<[f64; 2]> {
+        let grow = [a >= 0.5 * b, b >= 0.5 * a].map(|g| f64::from(u8::from(g)));
+        let (mut noise, mut rest, mut seconds, mut most) = (0.0, 0.0, 0.0, 1.0f64);
+        for ((grows, error), side) in grow.iter().zip([a, b]).zip([ours, theirs]) {
+            if *grows > 0.0 {
+                most = most.min(self.options.max_spp as f64 / side.spp() - 1.0);
+                seconds += side.seconds;
+                noise += error * error;
+            } else {
+                rest += error * error;
             }
-            seconds += side.seconds;
         }
-        (Instant::now() + Duration::from_secs_f64(seconds) <= deadline).then_some(grow)
+        // What grows by the share s has 1 / (1 + s) of its variance.
+        let left = goal * goal * (noise + rest) - rest;
+        let wanted = if left > 0.0 { (noise / left - 1.0).max(LEAST_SHARE) } else { 1.0 };
+        most = most.min(deadline.saturating_duration_since(Instant::now()).as_secs_f64() / seconds);
+        (most >= LEAST_SHARE).then(|| grow.map(|g| g * wanted.min(most)))
     }
 }
