@@ -4,7 +4,7 @@ use super::super::shot::{self, Place};
 use super::*;
 use crate::math::rng::Rng;
 use crate::scene::compile::LoadOptions;
-use crate::scene::{On, SceneDesc};
+use crate::scene::SceneDesc;
 
 fn plane(p: DVec3, n: DVec3) -> Plane {
     let (x, y) = warp::frame(n.normalize());
