@@ -453,14 +453,7 @@ impl Bench<'_> {
 
     /// By what share of its samples each side is to grow: the noisier one, both where they are alike, to twice as many, or to what brings the error to `goal` of what it is;
     /// `None` where time or samples do not suffice.
-    fn next(
-        &self,
-        [a, b]: [f64; 2],
-        goal: f64,
-        ours: &Stock,
-        theirs: &Stock,
-        deadline: Instant,
-    ) -> Option<[f64; 2]> {
+    fn next(&self, [a, b]: [f64; 2], goal: f64, ours: &Stock, theirs: &Stock, deadline: Instant) -> Option<[f64; 2]> {
         let grow = [a >= 0.5 * b, b >= 0.5 * a].map(|g| f64::from(u8::from(g)));
         let (mut noise, mut rest, mut seconds, mut most) = (0.0, 0.0, 0.0, 1.0f64);
         for ((grows, error), side) in grow.iter().zip([a, b]).zip([ours, theirs]) {

@@ -428,7 +428,10 @@ mod tests {
                     for c in 0..3 {
                         let scale = own.iter().map(|x| x[c].abs()).sum::<f64>() + 1.0;
                         for (a, b) in own.iter().zip(numeric) {
-                            assert!((a[c] - b[c] / f[c]).abs() < 1e-4 * scale / r.alpha, "{r:?} {wi} {wo}: {a:?} {b:?}");
+                            assert!(
+                                (a[c] - b[c] / f[c]).abs() < 1e-4 * scale / r.alpha,
+                                "{r:?} {wi} {wo}: {a:?} {b:?}"
+                            );
                         }
                         let together: f64 = own.iter().map(|x| x[c]).sum();
                         assert!(together.abs() < 1e-9 * scale, "{r:?} {wi} {wo}: {together} of {scale}");

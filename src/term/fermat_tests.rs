@@ -3,8 +3,8 @@
 use super::super::shot::{self, Place};
 use super::*;
 use crate::math::rng::Rng;
-use crate::scene::compile::LoadOptions;
 use crate::scene::SceneDesc;
+use crate::scene::compile::LoadOptions;
 
 fn plane(p: DVec3, n: DVec3) -> Plane {
     let (x, y) = warp::frame(n.normalize());

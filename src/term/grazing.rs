@@ -20,7 +20,7 @@ use crate::math::discrete::Discrete;
 use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
-use crate::scene::{Hit, On, Scene};
+use crate::scene::{Hit, Scene};
 use crate::shape::{Geometry, Shape};
 use crate::transport::line::Line as Way;
 use crate::transport::walk::Stage;
@@ -212,7 +212,7 @@ impl Graze {
             if scene.media.is_empty() {
                 return Some(Way::default());
             }
-            let medium = scene.medium_toward(b, w, &On::default(), cx.outer);
+            let medium = ends::medium_beside(scene, b, w, line.n, &element.grazed, cx.outer);
             Way::clear(scene, b, w, end.as_ref().map_or(f64::INFINITY, |h| h.t), medium)
         };
         let (Some(near_way), Some(far_way)) = (way(-w, &near), way(w, &far)) else {
