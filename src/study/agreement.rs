@@ -158,7 +158,7 @@ mod tests {
     fn what_differences_have_not_met() {
         let mut none = Rounds::default();
         (0..32).for_each(|_| none.push(&[0.0; 12], 1.0));
-        let a = noise(4, 32, 2.0, 3);
+        let a = noise(4, 32, 1.2, 3);
         let with = |samples: f64| Agreement::new(&a, &none, &unmet(&a, &none, &[0.0; 12], 1.0, |_| samples), 0.02);
         assert!(Agreement::new(&a, &none, &[0.0; 12], 0.02).significant);
         assert!(!with(4.0).significant && with(4.0).fail == 0, "{:?}", with(4.0));
