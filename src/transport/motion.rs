@@ -185,7 +185,8 @@ enum Tip {
         spread: Rate,
         at: Covector,
         normal: Covector,
-        arrival: Covector,
+        /// Of rough surfaces.
+        arrival: Option<Box<Covector>>,
     },
     /// A medium point; `arrival`: on how the segment's direction turns there.
     Medium { p: DVec3, velocity: Velocity, arrival: Covector },
@@ -277,8 +278,8 @@ impl<S: Sink> Chained<'_, S> {
         match end {
             End::Shape { shape, face, p, n } => {
                 let (carried, spread) = Moving::on_surface(first, p, self.after);
-                let (at, normal, arrival) = Default::default();
-                Tip::Surface { shape, face, p, n, carried, spread, at, normal, arrival }
+                let (at, normal) = (Covector::default(), Covector::default());
+                Tip::Surface { shape, face, p, n, carried, spread, at, normal, arrival: None }
             }
             End::Point(light) => Tip::Point(light),
             End::Beam(way) => Tip::Beam(way),
@@ -530,7 +531,7 @@ impl<'a> Vertex<'a> {
         match &leg.tip {
             Tip::Surface { n, arrival, .. } => {
                 turning.add(*n, value * (1.0 / n.dot(w)));
-                turning += *arrival;
+                arrival.iter().for_each(|a| turning += **a);
             }
             Tip::Medium { arrival, .. } => turning += *arrival,
             Tip::Point(light) => {
@@ -640,6 +641,8 @@ impl<'a> Vertex<'a> {
                 }
                 spread.apply(cx.scene, cx.sensor, after, cx.sink);
                 let Vertex { at, normal, arrival, .. } = self;
+                let rough = matches!(cx.scene.surface_of(hit.shape), Surface::Rough(_));
+                let arrival = rough.then(|| Box::new(arrival));
                 let Hit { shape, face, p, n, .. } = *hit;
                 Tip::Surface { shape, face, p, n, carried, spread, at, normal, arrival }
             }
