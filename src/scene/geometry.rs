@@ -8,7 +8,7 @@
 use super::{Instance, March, Scene, effort};
 use crate::error::Result;
 use crate::light::Arrival;
-use crate::math::DVec3;
+use crate::math::{DVec3, warp};
 use crate::native::embree::{Bvh, Ray, SceneBuilder, UserPrimitives};
 use crate::shape::bounds::Bounds;
 use crate::shape::edges::with_corners;
@@ -401,12 +401,32 @@ impl Scene {
 
     /// The medium at `o`, told by the first interface along `w`; `otherwise` where there is none.
     pub fn medium_toward(&self, o: DVec3, w: DVec3, on: &On, otherwise: Option<u32>) -> Option<u32> {
-        let (mut o, mut on) = (o, *on);
+        self.medium_before(o, w, f64::INFINITY, on).unwrap_or(otherwise)
+    }
+
+    /// The medium at `o` beside what is left out ([`Scene::opaque_past`]): told by the first interface on a way that nothing opaque ends before, along w, back, or across;
+    /// `outer` where such a way has no end. What is on the other side of a wall tells nothing.
+    pub fn medium_past(&self, o: DVec3, w: DVec3, past: &[(u32, Vec<u32>)], outer: Option<u32>) -> Option<u32> {
+        let (x, y) = warp::frame(w);
+        for d in [w, -w, x, -x, y, -y] {
+            let end = self.opaque_past(o, d, f64::INFINITY, past);
+            match (self.medium_before(o, d, end.map_or(f64::INFINITY, |h| h.t), &On::default()), end) {
+                (Some(medium), _) => return medium,
+                (None, None) => return outer,
+                (None, Some(_)) => {}
+            }
+        }
+        self.medium_toward(o, w, &On::default(), outer)
+    }
+
+    /// The same as [`Scene::medium_toward`] up to a limit; `None` where there is no interface.
+    fn medium_before(&self, o: DVec3, w: DVec3, limit: f64, on: &On) -> Option<Option<u32>> {
+        let (mut o, mut on, mut left) = (o, *on, limit);
         for _ in 0..self.max_interfaces {
-            let null = self.null.nearest(self, o, w, f64::INFINITY, &on, Medium::Any);
+            let null = self.null.nearest(self, o, w, left, &on, Medium::Any);
             // Glass parts media, too.
             let glass = || {
-                let limit = null.map_or(f64::INFINITY, |n| n.0);
+                let limit = null.map_or(left, |n| n.0);
                 let met = self.opaque.nearest(self, o, w, limit, &on, Medium::Any)?;
                 let s = &self.shapes[met.1 as usize];
                 (s.boundary && self.surfaces[s.surface as usize].is_transparent()).then_some(met)
@@ -415,12 +435,12 @@ impl Scene {
             let h = self.hit(t, o + w * t, shape, face);
             let shape = &self.shapes[h.shape as usize];
             if shape.boundary {
-                return if w.dot(h.n) > 0.0 { shape.interior } else { shape.exterior };
+                return Some(if w.dot(h.n) > 0.0 { shape.interior } else { shape.exterior });
             }
             on = on.crossed(&h, self.tolerance(h.p));
-            o = h.p;
+            (o, left) = (h.p, left - t);
         }
-        otherwise
+        None
     }
 
     /// A way from `p` of this length, short of its end by rounding only: what it ends on is not on it, on whichever side.

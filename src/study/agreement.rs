@@ -44,7 +44,7 @@ pub struct Agreement {
 /// Of an event that one in n samples meets, samples have met none with the probability exp(-their number / n): three of them are one standard error, and a threshold of 5.4 is 1e-7.
 const MISSED: f64 = 3.0;
 
-/// What each place of differences b may have missed, beside `bias`: where it is exactly 0 and a is not. `event`: the most that one sample can be, over the difference's step; `samples` of each place.
+/// What each place of differences b may have missed, beside `bias`: where it is exactly 0 and a is not. `event`: what one sample can be, over the difference's step; `samples` of each place.
 pub fn unmet(a: &Rounds, b: &Rounds, bias: &[f64], event: f64, samples: impl Fn(usize) -> f64) -> Vec<f64> {
     let missed = |i: usize| b.mean[i] == 0.0 && b.variance(i) == 0.0 && a.mean[i] != 0.0;
     let more = |i: usize| if missed(i) { MISSED * event / samples(i / 3) } else { 0.0 };

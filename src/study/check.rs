@@ -352,7 +352,7 @@ impl Bench<'_> {
             if more_theirs > 0.0 {
                 self.more_of_theirs(difference, theirs, *generation, more_theirs)?;
             }
-            // The most that one sample of a difference can be.
+            // What one sample of a difference can be, by the brightest pixel.
             let event = ours.pixels[0].mean.iter().copied().fold(0.0, f64::max) / (2.0 * difference.step);
             let biases = theirs.biases(|s| &s.blocks);
             let bias = mean(biases.iter().map(|b| b.abs()));

@@ -438,11 +438,16 @@ pub fn front(scene: &Scene, faces: &[(u32, u32)], beyond: &[(u32, u32)], e: DVec
     Some(scene.hit_at(p, shape, face))
 }
 
-/// The medium along w on a line that grazes at b, n toward the unblocked side. What is grazed may bound a medium itself: from its very edge rounding could lead into it.
+/// A point of a ray along w a little before what it meets.
+pub fn before(scene: &Scene, hit: &Hit, w: DVec3) -> DVec3 {
+    hit.p - w * (OFF_THE_EDGE * scene.bounds.radius()).min(OF_THE_WAY * hit.t)
+}
+
+/// The medium on a line along w that grazes at b, n toward the unblocked side. What is grazed may bound a medium itself: from its very edge rounding could lead into it.
 pub fn medium_beside(scene: &Scene, b: DVec3, w: DVec3, n: DVec3, grazed: Grazed, outer: Option<u32>) -> Option<u32> {
     let bounds = |id: u32| scene.shapes[id as usize].boundary && scene.surface_of(id).is_transparent();
     let off = if grazed.iter().any(|g| bounds(g.0)) { OFF_THE_EDGE * scene.bounds.radius() } else { 0.0 };
-    scene.medium_toward(b + n * off, w, &On::default(), outer)
+    scene.medium_past(b + n * off, w, grazed, outer)
 }
 
 /// Distances that count as contact: an edge that stands on a surface.

@@ -208,11 +208,12 @@ impl Graze {
     fn new(cx: &mut Context, line: Line, element: Element, probability: f64, near: Option<Hit>) -> Option<Graze> {
         let (scene, b, w) = (cx.scene, line.b, line.w);
         let far = ends::past(scene, b, w, line.n, &element.grazed);
+        let any = !scene.media.is_empty();
+        let medium = if any { ends::medium_beside(scene, b, w, line.n, &element.grazed, cx.outer) } else { None };
         let way = |w: DVec3, end: &Option<Hit>| {
-            if scene.media.is_empty() {
+            if !any {
                 return Some(Way::default());
             }
-            let medium = ends::medium_beside(scene, b, w, line.n, &element.grazed, cx.outer);
             Way::clear(scene, b, w, end.as_ref().map_or(f64::INFINITY, |h| h.t), medium)
         };
         let (Some(near_way), Some(far_way)) = (way(-w, &near), way(w, &far)) else {

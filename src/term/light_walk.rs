@@ -90,7 +90,7 @@ impl Vertex {
         }
     }
 
-    /// With which [`Vertex::sample`] draws a direction.
+    /// Density per solid angle with which [`Vertex::sample`] draws a direction.
     fn density(&self, scene: &Scene, d: DVec3) -> f64 {
         match &self.hit {
             None => self.medium.map_or(0.0, |id| scene.media[id as usize].phase.eval(one_minus_cos(self.w, d))),

@@ -1,6 +1,6 @@
 //! Samples of a sheet by its two techniques: where a camera ray crosses it, and from its source outward.
 
-use super::ends::{ByOrder, Point, Watch};
+use super::ends::{self, ByOrder, Point, Watch};
 use super::light_walk::{LightWalk, Vertex, seen};
 use super::sheet::{Grazed, Partials, Ray, Reach};
 use super::{Context, Sample};
@@ -38,7 +38,7 @@ fn receiver(scene: &Scene, ray: &Ray, grazed: Grazed) -> Option<Option<Hit>> {
     }
     match hit {
         // What the outline stands on is no receiver: the outline's own motion is seen there.
-        Some(h) if h.t <= ray.near + super::ends::contact(scene) => None,
+        Some(h) if h.t <= ray.near + ends::contact(scene) => None,
         h => Some(h),
     }
 }
@@ -142,7 +142,7 @@ pub fn outward(
         let y = ray.at(rho);
         let toward = if ray.distant { -ray.w } else { ray.origin - y };
         let on = On::default();
-        let medium = scene.medium_toward(y, toward.normalize(), &on, cx.outer);
+        let medium = scene.medium_past(y, toward.normalize(), grazed, cx.outer);
         let e = irradiance(cx, ray, y, medium, &on);
         if let (Some(id), Some(e)) = (medium, e) {
             let z = Vertex { p: y, w: ray.w, medium, hit: None };
@@ -162,7 +162,7 @@ pub fn outward(
     }
     if let Some(h) = end.filter(|h| scene.reflects(h)) {
         let on = On::at(&h);
-        let medium = scene.medium_toward(h.p, -ray.w, &on, cx.outer);
+        let medium = scene.medium_past(ends::before(scene, &h, ray.w), -ray.w, grazed, cx.outer);
         if let Some(e) = irradiance(cx, ray, h.p, medium, &on) {
             let z = Vertex { p: h.p, w: ray.w, medium, hit: Some(h) };
             let weight = e * (ray.spread(h.t) / ray.across);

@@ -204,3 +204,36 @@ fn everything_in_a_grid() {
     let what = [("mesh", 0.04), ("aim", 0.04)];
     agree_of(&room(DUST, POINT, &at(0.35, 1.25)), Orders { first: 1, last: 1 }, &what, SPP);
 }
+
+/// A block in a tank of dense water whose floor and walls are opaque and bound no medium, lit from within: lines past its edges end on walls, and only the front has an interface that tells their medium.
+#[test]
+fn a_tank_with_opaque_walls() {
+    let wall = |turn: &str| {
+        format!(
+            r#"<shape type="rectangle"><transform name="to_world">{turn}</transform><bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf></bsdf></shape>"#
+        )
+    };
+    let walls = [
+        r#"<translate z="-1"/>"#,
+        r#"<rotate y="1" angle="90"/><translate x="-1"/>"#,
+        r#"<rotate y="1" angle="-90"/><translate x="1"/>"#,
+        r#"<rotate x="1" angle="-90"/><translate y="-1"/>"#,
+        r#"<rotate x="1" angle="90"/><translate y="1"/>"#,
+    ]
+    .map(wall)
+    .concat();
+    let lamp = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.2"/><rotate y="1" angle="90"/><translate x="-0.8"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>
+      <emitter type="area"><rgb name="radiance" value="20"/></emitter></shape>"#;
+    let point = r#"<emitter type="point"><point name="position" value="-0.8, 0, 0"/><rgb name="intensity" value="3"/><ref id="water"/></emitter>"#;
+    for light in [lamp, point] {
+        let text = format!(
+            r#"<scene version="3.0.0"><default name="size" value="0.3"/><integrator type="volpath"><integer name="max_depth" value="2"/></integrator>
+  <medium type="homogeneous" id="water"><rgb name="sigma_t" value="1.2,0.9,0.6"/><float name="albedo" value="0.2"/></medium>{walls}{light}
+  <shape type="rectangle"><transform name="to_world"><translate z="1"/></transform><bsdf type="null"/><ref name="interior" id="water"/></shape>
+  <shape type="cube"><transform name="to_world"><scale value="$size"/><rotate y="1" angle="30"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="0, 0, 3.5" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film></sensor></scene>"#
+        );
+        agree(&text, &[("size", 0.03)], 1 << 11);
+    }
+}
