@@ -106,6 +106,12 @@ pub struct Group {
 /// More analytic shapes than this go into Embree.
 const LISTED: usize = 8;
 
+/// Ways that are looked along from one point between walls for an interface that tells the medium, and how many points.
+const WAYS: usize = 8;
+const TURNS: usize = 16;
+/// Multiples of these lie evenly in the unit square, however many: 1/ρ and 1/ρ², ρ³ = ρ + 1.
+const EVENLY: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
+
 /// Faces of analytic shapes for Embree.
 struct Faces(Vec<(Shape, u32)>);
 
@@ -404,16 +410,25 @@ impl Scene {
         self.medium_before(o, w, f64::INFINITY, on).unwrap_or(otherwise)
     }
 
-    /// The medium at `o` beside what is left out ([`Scene::opaque_past`]): told by the first interface on a way that nothing opaque ends before, along w, back, or across;
-    /// `outer` where such a way has no end. What is on the other side of a wall tells nothing.
+    /// The medium at `o` on a line along w that passes what is left out ([`Scene::opaque_past`]): told by the first interface either way along it that nothing opaque stands before; `outer` where
+    /// the line has no end. What is on the other side of a wall tells nothing: between walls other ways are tried from the middle of the longest one so far.
     pub fn medium_past(&self, o: DVec3, w: DVec3, past: &[(u32, Vec<u32>)], outer: Option<u32>) -> Option<u32> {
-        let (x, y) = warp::frame(w);
-        for d in [w, -w, x, -x, y, -y] {
+        let (mut o, mut past, mut longest) = (o, past, (0.0, o));
+        for k in 0..2 + TURNS * WAYS {
+            let d = match k {
+                0 => w,
+                1 => -w,
+                _ => warp::sphere((k as f64 * EVENLY[0]).fract(), (k as f64 * EVENLY[1]).fract()),
+            };
             let end = self.opaque_past(o, d, f64::INFINITY, past);
             match (self.medium_before(o, d, end.map_or(f64::INFINITY, |h| h.t), &On::default()), end) {
                 (Some(medium), _) => return medium,
                 (None, None) => return outer,
+                (None, Some(h)) if h.t > longest.0 => longest = (h.t, o + d * (0.5 * h.t)),
                 (None, Some(_)) => {}
+            }
+            if k % WAYS == 1 {
+                (o, past, longest.0) = (longest.1, &[], 0.0);
             }
         }
         self.medium_toward(o, w, &On::default(), outer)
