@@ -2,10 +2,10 @@
 //!
 //! Vertices are welded ([`super::Topology`]) first: files store triangles as soup. Faces without area have no edges.
 
+use super::halves::{Half, by_edge};
 use super::{Cube, Rectangle, Shape, TriangleMesh};
 use crate::math::DVec3;
 use crate::math::nearest::to_segment;
-use rayon::slice::ParallelSliceMut;
 
 /// Sine of the angle between two faces up to which they lie in one plane.
 pub const FLAT: f64 = 1e-9;
@@ -44,31 +44,10 @@ impl Edge {
     }
 }
 
-/// An edge of a mesh as one of its faces has it, from corner k to corner k + 1: 3 face + k.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Half(u32);
-
-impl Half {
-    pub const NONE: Half = Half(u32::MAX);
-
-    pub fn face(self) -> u32 {
-        self.0 / 3
-    }
-
-    /// Which of the face's corners it starts from.
-    fn first(self) -> u32 {
-        self.0 % 3
-    }
-}
-
 impl TriangleMesh {
-    fn corner_of(&self, h: Half, offset: u32) -> u32 {
-        self.faces[h.face() as usize][((h.first() + offset) % 3) as usize]
-    }
-
     /// Both ends, that of the lower welded number first.
     pub fn half_edge(&self, h: Half) -> (DVec3, DVec3) {
-        let (i, j) = (self.corner_of(h, 0), self.corner_of(h, 1));
+        let (i, j) = (h.corner(&self.faces, 0), h.corner(&self.faces, 1));
         let weld = &self.topology().weld;
         let (i, j) = if weld[i as usize] < weld[j as usize] { (i, j) } else { (j, i) };
         (self.vertices[i as usize], self.vertices[j as usize])
@@ -76,31 +55,14 @@ impl TriangleMesh {
 
     /// The corner of the face that is not on the edge.
     pub fn opposite(&self, h: Half) -> DVec3 {
-        self.vertices[self.corner_of(h, 2) as usize]
+        self.vertices[h.corner(&self.faces, 2) as usize]
     }
 }
 
 /// Every edge of a mesh, as the halves that its faces have of it. Vertices are welded; faces without area have none.
-pub fn halves(m: &TriangleMesh, mut f: impl FnMut(&[Half])) {
-    let weld = &m.topology().weld;
-    let mut all: Vec<([u32; 2], Half)> = Vec::with_capacity(3 * m.faces.len());
-    for (face, corners) in m.faces.iter().enumerate() {
-        let w = corners.map(|v| weld[v as usize]);
-        if m.is_degenerate(face as u32) || w[0] == w[1] || w[1] == w[2] || w[2] == w[0] {
-            continue;
-        }
-        for k in 0..3 {
-            let (i, j) = (w[k], w[(k + 1) % 3]);
-            all.push(([i.min(j), i.max(j)], Half(3 * face as u32 + k as u32)));
-        }
-    }
-    all.par_sort_unstable();
-    let mut group = Vec::new();
-    for edge in all.chunk_by(|x, y| x.0 == y.0) {
-        group.clear();
-        group.extend(edge.iter().map(|e| e.1));
-        f(&group);
-    }
+pub fn halves(m: &TriangleMesh, f: impl FnMut(&[Half])) {
+    let t = m.topology();
+    by_edge(&m.faces, t.welded_vertices, |v| t.weld[v as usize], |face| !m.is_degenerate(face), f);
 }
 
 /// Edges of a rectangle or cube; none for other shapes.

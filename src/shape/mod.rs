@@ -9,6 +9,7 @@ pub mod cube;
 pub mod cylinder;
 pub mod disk;
 pub mod edges;
+pub mod halves;
 pub mod level_set;
 pub mod mesh;
 pub mod obj;

@@ -1,9 +1,10 @@
 //! Edges of a mesh: holes, orientation, faces without area. Files store triangles as soup, so vertices are welded by
-//! position first: equal coordinates, then (if holes remain) coordinates that agree to a few ulps of the file's precision.
+//! position first: equal coordinates, then (if holes remain) at holes coordinates that agree to a few ulps of the file's precision.
 
 use super::TriangleMesh;
+use super::halves::by_edge;
 use crate::math::DVec3;
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 
 /// Vertices nearer than this many roundings of the file's coordinates are one vertex, if that closes holes.
 const WELD_ROUNDINGS: f64 = 4.0;
@@ -36,27 +37,41 @@ struct EdgeCounts {
     boundary: usize,
     non_manifold: usize,
     inconsistent: usize,
+    /// Stored vertices at edges of one face, each once by its name.
+    open: Vec<u32>,
+}
+
+/// Which vertices are one.
+struct Weld {
+    /// Of each stored vertex.
+    name: Vec<u32>,
+    names: usize,
 }
 
 impl Topology {
     pub(super) fn new(mesh: &TriangleMesh) -> Self {
-        let stored = count_edges(&mesh.faces, |v| v);
         let mut weld = weld_equal(&mesh.vertices);
-        let mut edges = count_edges(&mesh.faces, |v| weld[v as usize]);
+        let mut edges = EdgeCounts::new(&mesh.faces, &weld);
+        // Names that are as many as vertices are the vertices' own numbers.
+        let stored = (weld.names < mesh.vertices.len())
+            .then(|| EdgeCounts::new(&mesh.faces, &Weld::none(mesh.vertices.len())).boundary);
+        let boundary_edges_stored = stored.unwrap_or(edges.boundary);
         let mut welded_by_tolerance = false;
-        // Use the tolerance only where it helps: it may also close what is meant to be open by a hair.
+        // Use the tolerance only where it helps: at holes, and there only if it closes some. It may also close what is meant to be open by a hair.
         if edges.boundary > 0 {
-            let near = weld_near(&mesh.vertices, WELD_ROUNDINGS * mesh.rounding);
-            let near_edges = count_edges(&mesh.faces, |v| near[v as usize]);
-            if near_edges.boundary < edges.boundary {
-                (weld, edges, welded_by_tolerance) = (near, near_edges, true);
+            let near = weld.near(&mesh.vertices, &edges.open, WELD_ROUNDINGS * mesh.rounding);
+            if near.names < weld.names {
+                let near_edges = EdgeCounts::new(&mesh.faces, &near);
+                if near_edges.boundary < edges.boundary {
+                    (weld, edges, welded_by_tolerance) = (near, near_edges, true);
+                }
             }
         }
         Topology {
-            welded_vertices: weld.iter().max().map_or(0, |&m| m as usize + 1),
-            weld,
+            welded_vertices: weld.names,
+            weld: weld.name,
             welded_by_tolerance,
-            boundary_edges_stored: stored.boundary,
+            boundary_edges_stored,
             boundary_edges: edges.boundary,
             non_manifold_edges: edges.non_manifold,
             inconsistent_edges: edges.inconsistent,
@@ -115,79 +130,90 @@ impl Topology {
     }
 }
 
-/// Count edges of faces whose vertices go through `name`. Faces that collapse by it have no edges.
-fn count_edges(faces: &[[u32; 3]], name: impl Fn(u32) -> u32) -> EdgeCounts {
-    let mut edges: Vec<(u32, u32, bool)> = Vec::with_capacity(3 * faces.len());
-    for f in faces {
-        let [a, b, c] = f.map(&name);
-        if a != b && b != c && c != a {
-            edges.extend([(a, b), (b, c), (c, a)].map(|(p, q)| (p.min(q), p.max(q), p < q)));
-        }
+impl EdgeCounts {
+    /// Faces that collapse by the weld have no edges.
+    fn new(faces: &[[u32; 3]], weld: &Weld) -> EdgeCounts {
+        let name = |v: u32| weld.name[v as usize];
+        let (mut counts, mut is_open) = (EdgeCounts::default(), vec![false; weld.names]);
+        by_edge(
+            faces,
+            weld.names,
+            name,
+            |_| true,
+            |edge| {
+                let forward = edge.iter().filter(|h| name(h.corner(faces, 0)) < name(h.corner(faces, 1))).count();
+                counts.boundary += usize::from(edge.len() == 1);
+                counts.non_manifold += usize::from(edge.len() > 2);
+                counts.inconsistent += usize::from(edge.len() > 1 && 2 * forward != edge.len());
+                if let [h] = edge {
+                    let ends = [0, 1].map(|k| h.corner(faces, k));
+                    counts
+                        .open
+                        .extend(ends.into_iter().filter(|&v| !std::mem::replace(&mut is_open[name(v) as usize], true)));
+                }
+            },
+        );
+        counts
     }
-    edges.sort_unstable();
-    let mut counts = EdgeCounts::default();
-    for e in edges.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
-        let forward = e.iter().filter(|x| x.2).count();
-        counts.boundary += usize::from(e.len() == 1);
-        counts.non_manifold += usize::from(e.len() > 2);
-        counts.inconsistent += usize::from(e.len() > 1 && 2 * forward != e.len());
-    }
-    counts
 }
 
-fn weld_equal(vertices: &[DVec3]) -> Vec<u32> {
-    let mut seen = HashMap::with_capacity(vertices.len());
-    vertices
-        .iter()
-        .map(|p| {
+impl Weld {
+    fn none(vertices: usize) -> Weld {
+        Weld { name: (0..vertices as u32).collect(), names: vertices }
+    }
+
+    /// The same with some names for one, numbered in the order of appearance.
+    fn merged(&self, merge: impl Fn(u32) -> u32) -> Weld {
+        let mut seen: FxHashMap<u32, u32> = FxHashMap::default();
+        let mut number = |name: u32| {
             let next = seen.len() as u32;
-            // Adding 0 makes -0 and 0 one key.
-            *seen.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(next)
-        })
-        .collect()
-}
-
-/// Weld vertices nearer than `tolerance`, chains included: a grid of that pitch, then union-find among neighbours.
-fn weld_near(vertices: &[DVec3], tolerance: f64) -> Vec<u32> {
-    let cell = |p: DVec3| (p / tolerance).floor().to_array().map(|x| x as i64);
-    let mut grid: HashMap<[i64; 3], Vec<u32>> = HashMap::with_capacity(vertices.len());
-    let mut parent: Vec<u32> = (0..vertices.len() as u32).collect();
-    fn root(parent: &mut [u32], mut i: u32) -> u32 {
-        while parent[i as usize] != i {
-            parent[i as usize] = parent[parent[i as usize] as usize];
-            i = parent[i as usize];
-        }
-        i
+            *seen.entry(name).or_insert(next)
+        };
+        let name = self.name.iter().map(|&n| number(merge(n))).collect();
+        Weld { name, names: seen.len() }
     }
-    for (i, &p) in vertices.iter().enumerate() {
-        let [x, y, z] = cell(p);
-        for k in 0..27 {
-            let neighbour = [x.saturating_add(k % 3 - 1), y.saturating_add(k / 3 % 3 - 1), z.saturating_add(k / 9 - 1)];
-            for &j in grid.get(&neighbour).into_iter().flatten() {
-                if p.distance_squared(vertices[j as usize]) <= tolerance * tolerance {
-                    let (a, b) = (root(&mut parent, i as u32), root(&mut parent, j));
-                    parent[a.max(b) as usize] = a.min(b);
+
+    /// And with those of these vertices for one that are nearer than `tolerance`, chains included: a grid of that pitch, then union-find among neighbours.
+    fn near(&self, vertices: &[DVec3], which: &[u32], tolerance: f64) -> Weld {
+        let cell = |p: DVec3| (p / tolerance).floor().to_array().map(|x| x as i64);
+        let mut grid: FxHashMap<[i64; 3], Vec<u32>> = FxHashMap::default();
+        let mut parent: Vec<u32> = (0..self.names as u32).collect();
+        fn root(parent: &mut [u32], mut i: u32) -> u32 {
+            while parent[i as usize] != i {
+                parent[i as usize] = parent[parent[i as usize] as usize];
+                i = parent[i as usize];
+            }
+            i
+        }
+        for &i in which {
+            let p = vertices[i as usize];
+            let [x, y, z] = cell(p);
+            for k in 0..27 {
+                let neighbour =
+                    [x.saturating_add(k % 3 - 1), y.saturating_add(k / 3 % 3 - 1), z.saturating_add(k / 9 - 1)];
+                for &j in grid.get(&neighbour).into_iter().flatten() {
+                    if p.distance_squared(vertices[j as usize]) <= tolerance * tolerance {
+                        let [a, b] = [i, j].map(|v| root(&mut parent, self.name[v as usize]));
+                        parent[a.max(b) as usize] = a.min(b);
+                    }
                 }
             }
+            grid.entry([x, y, z]).or_default().push(i);
         }
-        // Equal points need one entry only: piles of them would make this quadratic.
-        let pile = grid.entry([x, y, z]).or_default();
-        match pile.iter().find(|&&j| vertices[j as usize] == p) {
-            Some(&j) => {
-                let (a, b) = (root(&mut parent, i as u32), root(&mut parent, j));
-                parent[a.max(b) as usize] = a.min(b);
-            }
-            None => pile.push(i as u32),
-        }
+        let merged: Vec<u32> = (0..self.names as u32).map(|i| root(&mut parent, i)).collect();
+        self.merged(|n| merged[n as usize])
     }
-    // Number the roots in order of appearance.
-    let mut names = HashMap::new();
-    (0..vertices.len() as u32)
-        .map(|i| {
-            let next = names.len() as u32;
-            *names.entry(root(&mut parent, i)).or_insert(next)
-        })
-        .collect()
+}
+
+fn weld_equal(vertices: &[DVec3]) -> Weld {
+    let mut seen: FxHashMap<[u64; 3], u32> = FxHashMap::with_capacity_and_hasher(vertices.len(), Default::default());
+    let mut number = |p: &DVec3| {
+        let next = seen.len() as u32;
+        // Adding 0 makes -0 and 0 one key.
+        *seen.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(next)
+    };
+    let name = vertices.iter().map(&mut number).collect();
+    Weld { name, names: seen.len() }
 }
 
 /// Sum of signed tetrahedra about a vertex of the mesh itself, which keeps the digits far from the origin.

@@ -6,7 +6,8 @@
 use super::Motion;
 use crate::math::DVec3;
 use crate::scene::Scene;
-use crate::shape::edges::{Edge, Half, Side, halves, is_flat, polygons};
+use crate::shape::edges::{Edge, Side, halves, is_flat, polygons};
+use crate::shape::halves::Half;
 use crate::shape::{Bounds, Geometry, Shape, TriangleMesh};
 use rayon::prelude::*;
 use std::collections::HashMap;
