@@ -49,10 +49,10 @@ pub fn is_outlined(p: &Parts<f64>, s: usize) -> bool {
     !matches!(p.surfaces[s], SurfacePart::Null) && !is_smooth(p, s)
 }
 
-/// What has round edges, as `term::interfaces` has it.
-pub fn round_outline(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
+/// What has a rim, as `term::interfaces` has it.
+pub fn rimmed(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
     p.shapes.iter().find(|s| match s.kind {
-        ShapeKind::Sphere { .. } | ShapeKind::Disk => is_outlined(p, s.surface),
+        ShapeKind::Disk => is_outlined(p, s.surface),
         ShapeKind::Cylinder { .. } => !matches!(p.surfaces[s.surface], SurfacePart::Null),
         _ => false,
     })

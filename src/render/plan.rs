@@ -2,7 +2,7 @@
 //! The table of [T] section 3 as code, in two steps: facts of the scene and of what moves, then rules. Renders nothing,
 //! loads no grid.
 
-use super::cause::{Cause, cause, is_outlined, is_smooth, nearest_grid, round_outline, zero_measure};
+use super::cause::{Cause, cause, is_outlined, is_smooth, nearest_grid, rimmed, zero_measure};
 use crate::error::{Error, Result};
 use crate::math::Dual;
 use crate::params::Quantity;
@@ -147,8 +147,8 @@ pub struct Facts {
     pub rims: bool,
     /// Something with an outline (occluder, lamp) can be seen or cast by way of an interface.
     pub beyond_interface: bool,
-    /// Beside a smooth interface, something of which edges are not straight: an opaque ball, disk or cylinder, or an interface that is a cylinder.
-    pub round_outline: bool,
+    /// Beside a smooth interface, something of which edges are not straight: an opaque disk or cylinder, or an interface that is a cylinder.
+    pub round_rim: bool,
     /// A zero-measure light whose light has to cross an interface.
     pub light_across_interface: bool,
 }
@@ -383,10 +383,10 @@ impl Plan {
                 miss(Term::S, why, zero_measure(&parts).map(|l| Cause::of_light(l, remedy)));
             }
             let turns = motion.ior || motion.interface || motion.beam;
-            if facts.round_outline && (matter || turns) {
-                let why = "what is round, and has an outline, may be seen by way of an interface";
-                let remedy = "make it a mesh of flat faces: beside glass and mirrors, outlines have to be straight";
-                miss(Term::VE, why, round_outline(&parts).map(|s| Cause::of_shape(s, remedy)));
+            if facts.round_rim && (matter || turns) {
+                let why = "what has a round rim may be seen by way of an interface";
+                let remedy = "make it a mesh of flat faces: beside glass and mirrors, rims have to be straight";
+                miss(Term::VE, why, rimmed(&parts).map(|s| Cause::of_shape(s, remedy)));
             }
             if let Some(m) = nearest_grid(&parts).filter(|_| light || matter) {
                 let why = "a nearest-neighbour grid jumps at every cell face";
@@ -486,7 +486,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         rims: rims(p),
         // Whatever there is besides, or behind, may be seen in it.
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
-        round_outline: p.shapes.iter().any(|s| smooth(s.surface)) && round_outline(p).is_some(),
+        round_rim: p.shapes.iter().any(|s| smooth(s.surface)) && rimmed(p).is_some(),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
     }
 }

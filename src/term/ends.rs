@@ -438,6 +438,16 @@ pub fn front(scene: &Scene, faces: &[(u32, u32)], beyond: &[(u32, u32)], e: DVec
     Some(scene.hit_at(p, shape, face))
 }
 
+/// How far off grazing the light of a curved face is asked for at its outline.
+const OFF_GRAZING: f64 = 1e-7;
+
+/// The direction along which what an outline's own faces send is asked for, n across the ray w, away from them. A curved face is seen edge on there: rounding must not decide from which side.
+pub fn edge_on(w: DVec3, n: DVec3, grazed: Grazed) -> DVec3 {
+    // It names nothing.
+    let curved = grazed.first().is_some_and(|(_, named)| named.is_empty());
+    if curved { (w - n * OFF_GRAZING).normalize() } else { w }
+}
+
 /// A point of a ray along w a little before what it meets.
 pub fn before(scene: &Scene, hit: &Hit, w: DVec3) -> DVec3 {
     hit.p - w * (OFF_THE_EDGE * scene.bounds.radius()).min(OF_THE_WAY * hit.t)

@@ -1,7 +1,7 @@
 //! What moves beside smooth interfaces and cannot be differentiated yet: refused by name.
 //!
 //! Behind an interface a camera ray turns with the index, with the interface and with the camera, and takes what it meets along (`transport::ray`). Straight edges that it sees there, and those of
-//! the interface itself, are [`super::virtual_edge`]'s. What is left are outlines of curved things by way of an interface, and shadows of lights without extent that are cast through it ([`panes`] says where there are none). A smooth
+//! the interface itself, and opaque balls, are [`super::virtual_edge`]'s. What is left are outlines of other curved things by way of an interface, and shadows of lights without extent that are cast through it ([`panes`] says where there are none). A smooth
 //! silhouette of glass is no jump: at grazing all light is mirrored, straight on.
 
 use super::{Motion, ends, panes};
@@ -67,7 +67,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         );
         return Err(Error::scene(&s.span, what, "give the lamp a diffuse bsdf"));
     }
-    if let Some(s) = scene.shapes.iter().find(|s| is_outlined(scene, s) && !has_straight_edges(s)) {
+    if let Some(s) = scene.shapes.iter().find(|s| is_outlined(scene, s) && !has_known_outline(scene, s)) {
         let what = format!(
             "`{name}` mirrors or refracts: how the outline of `{}` moves, seen by way of it, cannot be told yet",
             s.name
@@ -75,7 +75,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         return Err(Error::scene(
             &s.span,
             what,
-            "only what has straight edges may stand beside interfaces: rectangles, cubes, meshes",
+            "only balls and what has straight edges may stand beside interfaces: spheres, rectangles, cubes, meshes",
         ));
     }
     touching(scene)?;
@@ -107,9 +107,13 @@ fn is_outlined(scene: &Scene, s: &Instance) -> bool {
     !scene.is_null(s) && (!smooth || s.light.is_some() || matches!(s.shape, Shape::Sphere(_)) && scene.has_outline(s))
 }
 
-/// Whether [`super::virtual_edge`] knows all of its edges.
-fn has_straight_edges(s: &Instance) -> bool {
-    matches!(s.shape, Shape::Rectangle(_) | Shape::Cube(_) | Shape::Mesh(_))
+/// Whether [`super::virtual_edge`] knows all of its outline.
+fn has_known_outline(scene: &Scene, s: &Instance) -> bool {
+    match s.shape {
+        Shape::Rectangle(_) | Shape::Cube(_) | Shape::Mesh(_) => true,
+        Shape::Sphere(_) => !scene.surfaces[s.surface as usize].is_smooth(),
+        _ => false,
+    }
 }
 
 /// Faces that meet have an edge between them.

@@ -5,7 +5,7 @@
 
 use super::fermat::{Planes, Way};
 use super::shot::Eye;
-use super::shot::{self, Place, Shot, Start, Step};
+use super::shot::{self, Place, Shot, Start, Step, Target};
 use crate::math::DVec3;
 use crate::math::discrete::Discrete;
 use crate::math::rng::{Purpose, Rng};
@@ -96,6 +96,6 @@ impl KnownChains {
                 return None;
             }
         };
-        shot::by(scene, eye, start, place, &chain.steps, e).map(|s| (s, probability))
+        shot::by(scene, eye, start, place, &chain.steps, &Target::Point(e)).map(|s| (s, probability))
     }
 }

@@ -65,9 +65,7 @@ impl Room for PixelEdge {
             true => scene.opaque_past(q.o, q.w, f64::INFINITY, grazed),
             false => ends::front(scene, &faces.lit, &faces.own, e, q.w, ray.n),
         };
-        // A curved face is seen edge on: rounding must not decide from which side.
-        let edge_on = grazed.first().is_some_and(|(_, named)| named.is_empty());
-        let toward = if edge_on { -ray.n } else { q.w };
+        let toward = ends::edge_on(q.w, ray.n, grazed);
         let (stream, hide) = (Rng::keyed(rng.next_u64(), 0, 0, 0), cx.set.hide_emitters);
         let Some(front) = Line::clear(scene, q.o, q.w, q.distance, cx.sensor.medium) else { return };
         let (transmittance, medium) = (front.transmittance(), front.last);

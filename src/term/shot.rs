@@ -1,8 +1,11 @@
-//! Shots: rays from an eye by way of smooth interfaces to a given point, such as one of an edge ([T] 6.2, 6.4).
+//! Shots: rays from an eye by way of smooth interfaces to a given point, such as one of an edge, or past a ball ([T] 6.2, 6.4).
 //!
 //! A chain of interfaces takes every ray of an eye to one line. Which of the eye's rays it takes to the point e is found by Newton's method on the ray itself, with dual numbers
 //! through the chain's planes and spheres as if they had no borders; then the ray is walked through the scene, and counts only if it meets just those faces. Its Jacobian
 //! is the area across the ray at e over the solid angle at the eye (over the area, for parallel rays): what [T] (47) and (48) have without the light's share.
+//!
+//! A ball's outline, as a chain shows it, is a curve that no formula gives. A great circle drawn at random crosses it in points that Newton's method finds, and the mean number
+//! of these is the curve's length on the unit sphere over π (Crofton, "On the theory of local probability", 1868).
 //!
 //! Nothing lists chains or their solutions. Both are drawn: a random ray finds a chain, Newton's method goes on from there. How probable the result was nobody knows, but
 //! the number of further trials until it is found once more has the mean 1/P (Booth, "Unbiased Monte Carlo Estimation of the Reciprocal of an Integral", 2007).
@@ -10,12 +13,13 @@
 use crate::math::fresnel::Interface;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Dual, Real, Rgb, V3, warp};
-use crate::scene::{On, Scene, effort};
-use crate::shape::{Geometry, Shape};
+use crate::scene::{Hit, On, Scene, effort};
+use crate::shape::{Geometry, Shape, Sphere};
 use crate::surface::Surface;
 use crate::transport::line::Line;
 use crate::transport::ray::Specular;
 use crate::transport::specular;
+use std::f64::consts::PI;
 
 /// Two coordinates of an eye's rays.
 type D2 = Dual<2>;
@@ -64,17 +68,48 @@ impl Step {
     }
 }
 
+/// What a shot has to meet.
+#[derive(Clone, Copy, Debug)]
+pub enum Target {
+    Point(DVec3),
+    /// The point where a ray grazes a ball, on the great circle of this unit normal.
+    Rim {
+        ball: u32,
+        c: DVec3,
+        r: f64,
+        normal: DVec3,
+    },
+}
+
+impl Target {
+    /// Of a ball, by a great circle that two numbers draw.
+    pub fn rim(ball: u32, s: &Sphere, u: f64, v: f64) -> Target {
+        Target::Rim { ball, c: s.center, r: s.radius, normal: warp::sphere(u, v) }
+    }
+
+    /// The point itself, or the ball's centre.
+    fn middle(&self) -> DVec3 {
+        match self {
+            Target::Point(e) => *e,
+            Target::Rim { c, .. } => *c,
+        }
+    }
+}
+
 /// A ray that arrives.
 pub struct Shot {
     pub start: Start,
     pub chain: Vec<Specular>,
+    /// Where it meets its target.
+    pub e: DVec3,
     /// Direction and length of the last piece, which ends at e, and the medium before it.
     pub w: DVec3,
     pub distance: f64,
     pub medium: Option<u32>,
     /// Radiance that the eye gets of a unit at e.
     pub weight: Rgb,
-    /// Area across the ray at e over the eye's solid angle or area.
+    /// Area across the ray at e over the eye's solid angle or area; of a ball, what a ray's way past it grows by, over the same of the eye, times the length of the outline, per
+    /// the probability density of points of the outline.
     pub spread: f64,
 }
 
@@ -221,14 +256,16 @@ impl Eye {
     }
 }
 
-/// Where a chain takes a ray: how far past e, across it, and the Jacobian of that.
+/// Where a chain takes a ray: how far from its target, and the Jacobian of that.
 struct Miss {
     off: DVec2,
     by: [DVec2; 2],
     length: f64,
+    /// The point of the ray next to the target's middle.
+    foot: V3<D2>,
 }
 
-fn miss(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], e: DVec3) -> Option<Miss> {
+fn miss(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], target: &Target) -> Option<Miss> {
     effort::note(1);
     let (mut ray, mut last, mut length) = (eye.ray(start), None, 0.0);
     for step in chain {
@@ -238,19 +275,56 @@ fn miss(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], e: DVec3) -> Opt
         length += (ray.0.value() - o).length();
     }
     let (o, d) = ray;
-    let off = V3::constant(e) - o;
+    let off = V3::constant(target.middle()) - o;
     let along = off.dot(d);
     let across = d * along - off;
-    let (x, y) = warp::frame(d.value());
-    let (x, y) = (across.dot(V3::constant(x)), across.dot(V3::constant(y)));
+    let (x, y) = match target {
+        Target::Point(_) => {
+            let (x, y) = warp::frame(d.value());
+            (across.dot(V3::constant(x)), across.dot(V3::constant(y)))
+        }
+        Target::Rim { r, normal, .. } => {
+            let far = across.dot(across);
+            if far.v <= 0.0 {
+                return None;
+            }
+            (far.sqrt() - Dual::constant(*r), across.dot(V3::constant(*normal)))
+        }
+    };
     let by = [DVec2::new(x.d[0], y.d[0]), DVec2::new(x.d[1], y.d[1])];
-    Some(Miss { off: DVec2::new(x.v, y.v), by, length: length + along.v.abs() })
+    let off = DVec2::new(x.v, y.v);
+    Some(Miss { off, by, length: length + along.v.abs(), foot: o + d * along })
 }
 
-/// The eye's ray that a chain takes to e, by Newton's method from `start`.
-fn solve(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], e: DVec3) -> Option<Start> {
+impl Miss {
+    /// The point of the target that the ray meets.
+    fn met(&self, target: &Target) -> DVec3 {
+        match target {
+            Target::Point(e) => *e,
+            Target::Rim { c, r, .. } => *c + (self.foot.value() - *c).normalize() * *r,
+        }
+    }
+
+    /// [`Shot::spread`].
+    fn spread(&self, target: &Target) -> f64 {
+        let [a, b] = self.by;
+        match target {
+            Target::Point(_) => a.perp_dot(b).abs(),
+            Target::Rim { r, .. } => {
+                // Across the outline rays come nearer by `steep`; along it the point moves on the ball.
+                let steep = DVec2::new(a.x, b.x);
+                let along = steep.perp().normalize_or_zero();
+                let [x, y, z] = [self.foot.x, self.foot.y, self.foot.z].map(|f| f.d[0] * along.x + f.d[1] * along.y);
+                steep.length() * DVec3::new(x, y, z).length() / (PI * *r)
+            }
+        }
+    }
+}
+
+/// The eye's ray that a chain takes to a target, by Newton's method from `start`.
+fn solve(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], target: &Target) -> Option<Start> {
     let mut at = start;
-    let mut m = miss(scene, eye, at, chain, e)?;
+    let mut m = miss(scene, eye, at, chain, target)?;
     for _ in 0..50 {
         if m.off.length() <= EXACT * m.length {
             return Some(at);
@@ -266,10 +340,10 @@ fn solve(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], e: DVec3) -> Op
         if !by.is_finite() {
             return None;
         }
-        // A step that loses the chain, or leads away from e, is halved.
+        // A step that loses the chain, or leads away from it, is halved.
         let better = (0..20).find_map(|k| {
             let next = eye.step(at, by * 0.5f64.powi(k));
-            let n = miss(scene, eye, next, chain, e)?;
+            let n = miss(scene, eye, next, chain, target)?;
             (n.off.length() < m.off.length()).then_some((next, n))
         });
         // Nothing nearer: as near as rounding lets it come, or lost.
@@ -279,8 +353,8 @@ fn solve(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], e: DVec3) -> Op
     None
 }
 
-/// The eye's ray to e through this chain, if the scene lets it through.
-fn fire(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], e: DVec3) -> Option<Shot> {
+/// The eye's ray to a target through this chain, if the scene lets it through.
+fn fire(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], target: &Target) -> Option<Shot> {
     let mut k = 0;
     let left = walk(scene, start, place, true, |met, _, _| {
         let step = chain.get(k).filter(|s| (s.shape, s.face) == (met.hit.shape, met.hit.face))?;
@@ -291,20 +365,25 @@ fn fire(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], e
         return None;
     }
     let w = left.at.w;
+    let m = miss(scene, eye, start, chain, target)?;
+    let e = m.met(target);
     let distance = (e - left.at.o).dot(w);
     let (_, hit) = Line::to_surface(scene, left.at.o, w, &left.on, left.medium, false)?;
     // Where e lies on the chain's last face it is that face's border, not something behind it.
     let on_the_last = left.chain.last().is_some_and(|_| distance <= SAME * (e - start.o).length());
-    if distance <= 0.0 || on_the_last || hit.is_some_and(|h| h.t < distance * (1.0 - AT_THE_EDGE)) {
+    // What only grazes a ball may meet it a little before.
+    let grazes = |h: &Hit| matches!(target, Target::Rim { ball, .. } if h.shape == *ball);
+    let stopped = hit.is_some_and(|h| h.t < distance * (1.0 - AT_THE_EDGE) && !grazes(&h));
+    if distance <= 0.0 || on_the_last || stopped {
         return None;
     }
     let way = Line::clear(scene, left.at.o, w, distance, left.medium)?;
-    let [a, b] = miss(scene, eye, start, chain, e)?.by;
-    let spread = a.perp_dot(b).abs();
+    let spread = m.spread(target);
     let weight = left.weight * way.transmittance();
     (spread > 0.0 && spread.is_finite() && !weight.is_zero()).then_some(Shot {
         start,
         chain: left.chain,
+        e,
         w,
         distance,
         medium: way.last,
@@ -315,20 +394,20 @@ fn fire(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], e
 
 /// The straight shot to e.
 pub fn straight(scene: &Scene, p: DVec3, place: &Place, e: DVec3) -> Option<Shot> {
-    fire(scene, &Eye::Point(p), Start { o: p, w: (e - p).normalize() }, place, &[], e)
+    fire(scene, &Eye::Point(p), Start { o: p, w: (e - p).normalize() }, place, &[], &Target::Point(e))
 }
 
-/// The shot to e by these faces, from a ray near it.
-pub fn by(scene: &Scene, eye: &Eye, near: Start, place: &Place, chain: &[Step], e: DVec3) -> Option<Shot> {
-    let found = solve(scene, eye, near, chain, e)?;
-    fire(scene, eye, found, place, chain, e)
+/// The shot to a target by these faces, from a ray near it.
+pub fn by(scene: &Scene, eye: &Eye, near: Start, place: &Place, chain: &[Step], target: &Target) -> Option<Shot> {
+    let found = solve(scene, eye, near, chain, target)?;
+    fire(scene, eye, found, place, chain, target)
 }
 
 fn steps(chain: &[Specular]) -> Vec<Step> {
     chain.iter().map(Step::of).collect()
 }
 
-/// A random shot to e by way of at least one interface, from where a random ray of the eye leads. [`Drawn::trials`] gives its weight.
+/// A random shot to a target by way of at least one interface, from where a random ray of the eye leads. [`Drawn::trials`] gives its weight.
 pub struct Drawn {
     pub shot: Shot,
     chain: Vec<Step>,
@@ -339,7 +418,7 @@ pub fn draw(
     scene: &Scene,
     eye: &Eye,
     place: &Place,
-    e: DVec3,
+    target: &Target,
     rng: &mut Rng,
     mut random: impl FnMut(&mut Rng) -> Option<Start>,
     is_known: impl Fn(&[Step]) -> bool,
@@ -349,7 +428,7 @@ pub fn draw(
     if is_known(&chain) {
         return None;
     }
-    let shot = by(scene, eye, start, place, &chain, e)?;
+    let shot = by(scene, eye, start, place, &chain, target)?;
     Some(Drawn { shot, chain })
 }
 
@@ -360,7 +439,7 @@ impl Drawn {
         scene: &Scene,
         eye: &Eye,
         place: &Place,
-        e: DVec3,
+        target: &Target,
         rng: &mut Rng,
         mut random: impl FnMut(&mut Rng) -> Option<Start>,
     ) -> Option<f64> {
@@ -370,8 +449,8 @@ impl Drawn {
             if steps(&random_chain(scene, start, place, rng)?) != self.chain {
                 return None;
             }
-            let s = solve(scene, eye, start, &self.chain, e)?;
-            let size = (e - own.o).length();
+            let s = solve(scene, eye, start, &self.chain, target)?;
+            let size = (self.shot.e - own.o).length();
             let same = (s.w - own.w).length() <= SAME && (s.o - own.o).length() <= SAME * size;
             same.then_some(f64::from(k))
         })

@@ -2,7 +2,8 @@
 //!
 //! A ray that a smooth interface will turn holds its direction at the eye or vertex that it leaves (its film point, at the camera), and all that follows slides on it. Whatever the light jumps at
 //! behind the interface moves over those directions: an edge at B, whose rays move there with u, gives `∫ f W sin α / |J| <n, u - ẋ_B> (L⁺ - L⁻) dl` (n toward L⁺, α between edge
-//! and ray, W the share of light that the chain lets through, J the area across the ray at B over the solid angle at the eye: [`super::shot`]). Three kinds of lines remain for this room:
+//! and ray, W the share of light that the chain lets through, J the area across the ray at B over the solid angle at the eye: [`super::shot`]). The outline of a ball is such an edge, too.
+//! Three kinds of lines remain for this room:
 //!
 //! * from the camera by way of interfaces (outward, onto the film),
 //! * from any vertex of a camera path by way of interfaces,
@@ -19,7 +20,7 @@ use super::known_chains::KnownChains;
 use super::outline::Faces;
 use super::seen_path::{Path, Vertex};
 use super::sheet::Partials;
-use super::shot::{self, Drawn, Eye, Place, Shot, Start};
+use super::shot::{self, Drawn, Eye, Place, Shot, Start, Step, Target};
 use super::{Context, Motion, Room, Sample};
 use crate::math::discrete::Discrete;
 use crate::math::guide::Numbers;
@@ -28,7 +29,7 @@ use crate::math::{DVec3, Rgb, warp};
 use crate::scene::{Hit, Instance, Scene};
 use crate::sensor::{Projection, Sensor};
 use crate::shape::edges::FLAT;
-use crate::shape::{Geometry, Shape};
+use crate::shape::{Geometry, Shape, Sphere};
 use crate::surface::Surface;
 use crate::transport::first::FilmLine;
 use crate::transport::ray::MovingRay;
@@ -43,9 +44,9 @@ pub struct VirtualEdge {
     edges: Arc<EdgeSet>,
     /// Chains that the camera sees by.
     known: KnownChains,
-    /// Smooth balls, listed behind the edges.
+    /// Balls, listed behind the edges.
     balls: Vec<u32>,
-    /// Over edges by length: all, for shots by way of interfaces.
+    /// Over edges by length: all, and opaque balls, for shots by way of interfaces.
     by_length: Discrete,
     /// Over edges and balls: all, and those that are smooth, for straight lines.
     all: Discrete,
@@ -66,6 +67,11 @@ struct Facing {
 }
 
 impl Facing {
+    /// n: away from the ball's centre.
+    fn of_ball(ball: u32, n: DVec3) -> Facing {
+        Facing { n, sin: 1.0, faces: Faces { own: vec![(ball, 0)], lit: Vec::new() } }
+    }
+
     fn new(scene: &Scene, e: &SharedEdge, w: DVec3) -> Option<Facing> {
         let normal = (e.edge.b - e.edge.a).normalize().cross(w);
         let sin = normal.length();
@@ -87,6 +93,42 @@ impl Facing {
         let (own, lit) = (on(&|d| d < 0.0), on(&|d| d > 0.0));
         let parts = !own.is_empty() && !lit.is_empty() && parts(scene, e);
         parts.then_some(Facing { n: normal / sin, sin, faces: Faces { own, lit } })
+    }
+}
+
+/// What shots go past.
+enum Outline<'a> {
+    Edge(SharedEdge),
+    /// An opaque one.
+    Ball(u32, &'a Sphere),
+}
+
+impl Outline<'_> {
+    /// A random point of an edge, by the number t, or great circle of a ball.
+    fn target(&self, t: f64, rng: &mut Rng) -> Target {
+        match self {
+            Outline::Edge(e) => Target::Point(e.edge.a.lerp(e.edge.b, t)),
+            Outline::Ball(ball, s) => Target::rim(*ball, s, t, rng.uniform()),
+        }
+    }
+
+    fn grazed(&self) -> Cow<'_, [(u32, Vec<u32>)]> {
+        match self {
+            Outline::Edge(e) => Cow::Borrowed(&e.faces),
+            Outline::Ball(ball, _) => Cow::Owned(vec![(*ball, Vec::new())]),
+        }
+    }
+
+    /// As a shot sees it, and its length across that over the [`Shot::spread`]'s.
+    fn facing(&self, scene: &Scene, shot: &Shot) -> Option<(Facing, f64)> {
+        match self {
+            Outline::Edge(e) => {
+                let facing = Facing::new(scene, e, shot.w)?;
+                let length = facing.sin * (e.edge.b - e.edge.a).length();
+                Some((facing, length))
+            }
+            Outline::Ball(ball, s) => Some((Facing::of_ball(*ball, (shot.e - s.center).normalize()), 1.0)),
+        }
     }
 }
 
@@ -171,21 +213,29 @@ impl VirtualEdge {
             if border || !length.is_finite() { 0.0 } else { length }
         };
         let lengths: Vec<f64> = (0..edges.len()).map(length).collect();
-        let is_ball =
-            |s: &Instance| matches!(s.shape, Shape::Sphere(_)) && scene.surfaces[s.surface as usize].is_smooth();
-        let seen = |&i: &u32| is_ball(&scene.shapes[i as usize]) && sees_rims(scene, is_ball);
-        let balls: Vec<u32> = interfaces.iter().copied().filter(seen).collect();
-        let round = |&i: &u32| match &scene.shapes[i as usize].shape {
+        let ball = |s: &Instance| matches!(s.shape, Shape::Sphere(_));
+        let smooth = |i: u32| is_smooth(scene, i);
+        let is_smooth_ball = |s: &Instance| ball(s) && scene.surfaces[s.surface as usize].is_smooth();
+        let rims = sees_rims(scene, is_smooth_ball);
+        let counts = |&i: &u32| {
+            let s = &scene.shapes[i as usize];
+            ball(s) && if smooth(i) { rims } else { !scene.is_null(s) }
+        };
+        let balls: Vec<u32> = (0..scene.shapes.len() as u32).filter(counts).collect();
+        let round = |i: u32| match &scene.shapes[i as usize].shape {
             Shape::Sphere(s) => std::f64::consts::TAU * s.radius,
             _ => 0.0,
         };
-        let smooth = |i: usize| if edges.any(i, |s| is_smooth(scene, s)) { lengths[i] } else { 0.0 };
-        let with_balls = |flat: Vec<f64>| Discrete::new(flat.into_iter().chain(balls.iter().map(round)));
+        let with_balls = |edge: &dyn Fn(usize) -> bool, ball: &dyn Fn(u32) -> bool| {
+            let edges = lengths.iter().enumerate().map(|(i, &l)| if edge(i) { l } else { 0.0 });
+            Discrete::new(edges.chain(balls.iter().map(|&i| if ball(i) { round(i) } else { 0.0 })))
+        };
         let area = |&i: &u32| scene.shapes[i as usize].shape.area();
         let room = VirtualEdge {
-            by_length: Discrete::new(lengths.iter().copied()),
-            all: with_balls(lengths.clone()),
-            smooth: with_balls((0..edges.len()).map(smooth).collect()),
+            // Light is the same on both sides of a smooth ball's rim.
+            by_length: with_balls(&|_| true, &|i| !smooth(i)),
+            all: with_balls(&|_| true, &|_| true),
+            smooth: with_balls(&|i| edges.any(i, smooth), &smooth),
             by_area: Discrete::new(interfaces.iter().map(area)),
             known: KnownChains::find(scene, &camera_eye(sensor), &camera_place(sensor), film_ray(sensor, margin)),
             edges,
@@ -212,7 +262,8 @@ impl VirtualEdge {
         }
         let ((k, probability, _), u) = (table.sample(rng.uniform()), rng.uniform());
         if k >= self.edges.len() {
-            return self.look_at_ball(cx, path, v, self.balls[k - self.edges.len()], probability, film, rng, emit);
+            let ball = self.balls[k - self.edges.len()];
+            return self.look_at_ball(cx, path, v, ball, probability, film, rng, emit);
         }
         let e = self.edges.get(scene, k);
         let Some((b, per_length)) = seen_on(e.edge.a, e.edge.b, v.p(), u) else { return };
@@ -224,11 +275,11 @@ impl VirtualEdge {
         }
         let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), b) else { return };
         let weight = v.weight * scatter * shot.weight * (facing.sin / (shot.spread * per_length * probability));
-        let Some(jump) = self.jump(cx, &shot, b, &facing, &e.faces, v.depth + 1, true, rng) else { return };
-        self.hand_out(cx, path, v, &shot, b, facing.n, &e.faces, weight, &jump, film, emit);
+        let Some(jump) = self.jump(cx, &shot, &facing, &e.faces, v.depth + 1, true, rng) else { return };
+        self.hand_out(cx, path, v, &shot, facing.n, &e.faces, weight, &jump, film, emit);
     }
 
-    /// Past the rim of a ball of glass, or of a mirror: what it mirrors there comes from the same place, after one more scattering.
+    /// Past the rim of a ball. What one of glass, or a mirror, mirrors there comes from the same place, after one more scattering.
     fn look_at_ball(
         &self,
         cx: &mut Context,
@@ -250,6 +301,12 @@ impl VirtualEdge {
         }
         let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), line.b) else { return };
         let grazed = [(ball, Vec::new())];
+        let weight = v.weight * scatter * shot.weight * (line.measure / (line.own * probability));
+        if !is_smooth(scene, ball) {
+            let facing = Facing::of_ball(ball, line.n);
+            let Some(jump) = self.jump(cx, &shot, &facing, &grazed, v.depth + 1, true, rng) else { return };
+            return self.hand_out(cx, path, v, &shot, line.n, &grazed, weight, &jump, film, emit);
+        }
         let end = ends::past(scene, line.b, line.w, line.n, &grazed);
         let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
         let Some((at, distance, light)) = ends::sent(cx, line.b, line.w, end, shot.medium, false, stream) else {
@@ -260,8 +317,7 @@ impl VirtualEdge {
             Point::Infinity => Jump { held: beside - mirrored, ends: None },
             _ => Jump { held: -mirrored, ends: Some((beside, at, distance)) },
         };
-        let weight = v.weight * scatter * shot.weight * (line.measure / (line.own * probability));
-        self.hand_out(cx, path, v, &shot, line.b, line.n, &grazed, weight, &jump, film, emit);
+        self.hand_out(cx, path, v, &shot, line.n, &grazed, weight, &jump, film, emit);
     }
 
     /// What is seen straight from a vertex.
@@ -271,7 +327,6 @@ impl VirtualEdge {
         path: &Path,
         v: &Vertex,
         shot: &Shot,
-        b: DVec3,
         n: DVec3,
         grazed: &[(u32, Vec<u32>)],
         weight: Rgb,
@@ -281,7 +336,7 @@ impl VirtualEdge {
     ) {
         if !jump.held.is_zero() {
             let ray = MovingRay::leaving(v.p(), shot.w, path.velocity(cx, v));
-            let partials = held(cx, &ray, b, n, grazed);
+            let partials = held(cx, &ray, shot.e, n, grazed);
             let flux = jump.held * weight;
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
         }
@@ -291,7 +346,7 @@ impl VirtualEdge {
                 return;
             }
             let watch = path.watch(cx, v);
-            let partials = ends::between(cx, [&v.point, at], [shot.distance, *distance], &watch, b, n, grazed);
+            let partials = ends::between(cx, [&v.point, at], [shot.distance, *distance], &watch, shot.e, n, grazed);
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
         }
     }
@@ -320,8 +375,8 @@ impl VirtualEdge {
         };
         let begins = |_: &Context, s: &Shot| Some((v.scatter(scene, s.start.w) * v.weight, film));
         let (u, far) = (rng.uniform(), v.depth + 1);
-        let aim = |rng: &mut Rng, e: DVec3| {
-            shot::draw(scene, &eye, &place, e, rng, random, |_| false).map(|d| Aimed::Drawn(d, 1.0))
+        let aim = |rng: &mut Rng, target: &Target| {
+            shot::draw(scene, &eye, &place, target, rng, random, |_| false).map(|d| Aimed::Drawn(d, 1.0))
         };
         let found = self.through(cx, &eye, &place, start, u, far, rng, random, aim, begins);
         if let Some((flux, film, partials)) = found {
@@ -340,7 +395,7 @@ impl VirtualEdge {
         more: u32,
         rng: &mut Rng,
         random: impl Fn(&mut Rng) -> Option<Start>,
-        aim: impl Fn(&mut Rng, DVec3) -> Option<Aimed>,
+        aim: impl Fn(&mut Rng, &Target) -> Option<Aimed>,
         begins: impl Fn(&Context, &Shot) -> Option<(Rgb, [f64; 2])>,
     ) -> Option<(Rgb, [f64; 2], Partials)> {
         let scene = cx.scene;
@@ -348,9 +403,15 @@ impl VirtualEdge {
             return None;
         }
         let (k, probability, t) = self.by_length.sample(u);
-        let e = self.edges.get(scene, k);
-        let (b, length) = (e.edge.a.lerp(e.edge.b, t), (e.edge.b - e.edge.a).length());
-        let aimed = aim(rng, b)?;
+        let outline = match k.checked_sub(self.edges.len()) {
+            None => Outline::Edge(self.edges.get(scene, k)),
+            Some(k) => match &scene.shapes[self.balls[k] as usize].shape {
+                Shape::Sphere(s) => Outline::Ball(self.balls[k], s),
+                _ => return None,
+            },
+        };
+        let target = outline.target(t, rng);
+        let aimed = aim(rng, &target)?;
         let shot = match &aimed {
             Aimed::Known(shot, _) => shot,
             Aimed::Drawn(d, _) => &d.shot,
@@ -359,29 +420,30 @@ impl VirtualEdge {
         for met in &shot.chain {
             ray = FilmLine { scene, moving: cx.moving, ray: &ray }.behind(met);
         }
-        if ray.is_still() && !e.faces.iter().any(|f| cx.moving.moves(f.0)) {
+        let grazed = &*outline.grazed();
+        if ray.is_still() && !grazed.iter().any(|f| cx.moving.moves(f.0)) {
             return None;
         }
-        let facing = Facing::new(scene, &e, shot.w)?;
+        let (facing, length) = outline.facing(scene, shot)?;
         let (begins, film) = begins(cx, shot)?;
         if begins.is_zero() {
             return None;
         }
         let more = more + shot.chain.len() as u32;
-        let jump = self.jump(cx, shot, b, &facing, &e.faces, more, false, rng)?.held;
+        let jump = self.jump(cx, shot, &facing, grazed, more, false, rng)?.held;
         if jump.is_zero() {
             return None;
         }
         let trials = match &aimed {
             Aimed::Known(_, p) => Some(1.0 / p),
-            Aimed::Drawn(d, p) => d.trials(scene, eye, place, b, rng, &random).map(|k| k / p),
+            Aimed::Drawn(d, p) => d.trials(scene, eye, place, &target, rng, &random).map(|k| k / p),
         };
         let Some(trials) = trials else {
             cx.tally.missed_boundary += 1;
             return None;
         };
-        let flux = jump * begins * shot.weight * (facing.sin * length * trials / (shot.spread * probability));
-        Some((flux, film, held(cx, &ray, b, facing.n, &e.faces)))
+        let flux = jump * begins * shot.weight * (length * trials / (shot.spread * probability));
+        Some((flux, film, held(cx, &ray, shot.e, facing.n, grazed)))
     }
 
     /// `straight`: sides that end on a surface are told by that.
@@ -389,14 +451,13 @@ impl VirtualEdge {
         &self,
         cx: &mut Context,
         shot: &Shot,
-        b: DVec3,
         facing: &Facing,
         grazed: &[(u32, Vec<u32>)],
         more: u32,
         straight: bool,
         rng: &mut Rng,
     ) -> Option<Jump> {
-        let (scene, w, n) = (cx.scene, shot.w, facing.n);
+        let (scene, b, w, n) = (cx.scene, shot.e, shot.w, facing.n);
         let stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
         // The shot is clear; where it begins an interface may be.
         let half = 0.5 * shot.distance;
@@ -407,14 +468,14 @@ impl VirtualEdge {
         };
         let own = ends::front(scene, &faces.own, &faces.lit, b, w, -n)?;
         let mut jump = Jump { held: Rgb::ZERO, ends: None };
-        let face = |cx: &mut Context, h: Hit| match straight && !is_smooth(scene, h.shape) {
+        let face = |cx: &mut Context, w: DVec3, h: Hit| match straight && !is_smooth(scene, h.shape) {
             true => Rgb::ZERO,
             false => ends::radiance(cx, b, w, Stage::Surface(h), shot.medium, false, stream).shown(cx.set, more),
         };
-        jump.held = -face(cx, own);
+        jump.held = -face(cx, ends::edge_on(w, n, grazed), own);
         if !faces.lit.is_empty() {
             let lit = ends::front(scene, &faces.lit, &faces.own, b, w, n)?;
-            jump.held += face(cx, lit);
+            jump.held += face(cx, w, lit);
             return Some(jump);
         }
         let end = ends::past(scene, b, w, n, grazed);
@@ -468,13 +529,19 @@ impl Room for VirtualEdge {
         let start = |cx: &Context, _: DVec3| cx.moving.film_ray().clone();
         let share = self.known.share;
         let lost = Cell::new(0);
-        let aim = |rng: &mut Rng, e: DVec3| {
-            if lead[1] < share {
-                let (shot, p) = self.known.shoot(scene, &eye, &place, e, lead[1] / share, &lost)?;
-                return Some(Aimed::Known(shot, share * p));
+        let aim = |rng: &mut Rng, target: &Target| {
+            let draw = |rng: &mut Rng, is_known: &dyn Fn(&[Step]) -> bool| {
+                shot::draw(scene, &eye, &place, target, rng, &random, is_known)
+            };
+            match *target {
+                // Known chains have one ray to a point, but several past a ball.
+                Target::Rim { .. } => draw(rng, &|_| false).map(|d| Aimed::Drawn(d, 1.0)),
+                Target::Point(e) if lead[1] < share => {
+                    let (shot, p) = self.known.shoot(scene, &eye, &place, e, lead[1] / share, &lost)?;
+                    Some(Aimed::Known(shot, share * p))
+                }
+                Target::Point(_) => draw(rng, &|c| self.known.holds(c)).map(|d| Aimed::Drawn(d, 1.0 - share)),
             }
-            shot::draw(scene, &eye, &place, e, rng, &random, |c| self.known.holds(c))
-                .map(|d| Aimed::Drawn(d, 1.0 - share))
         };
         let found = self.through(cx, &eye, &place, start, lead[0], 0, rng, &random, aim, begins);
         cx.tally.missed_boundary += lost.get();

@@ -78,6 +78,40 @@ const BEAM: &str = r#"<scene version="3.0.0"><default name="ior" value="1.35"/><
   <emitter type="collimated"><transform name="to_world"><lookat origin="-2.6, 3.2, 0.2" target="-0.2, 1, 0" up="0, 0, 1"/><translate x="$bx"/></transform>
     <float name="radius" value="0.35"/><string name="profile" value="hard"/><float name="irradiance" value="9"/></emitter></scene>"#;
 
+/// A ball, bright and between two lights, seen in a mirror.
+fn ball_in_a_mirror(bsdf: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="angle" value="20"/>
+  <integrator type="volpath"><integer name="max_depth" value="3"/></integrator>
+  <sensor type="perspective"><float name="fov" value="16"/><transform name="to_world"><lookat origin="1.5, 0.4, 3" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.8"/><rotate y="1" angle="$angle"/></transform>
+    <bsdf type="conductor"><rgb name="eta" value="0.3,0.2,0.5"/><float name="k" value="2"/></bsdf></shape>
+  <shape type="sphere"><point name="center" value="$x, 0.1, 2.2"/><float name="radius" value="0.4"/>{bsdf}</shape>
+  <shape type="rectangle"><transform name="to_world"><rotate y="1" angle="180"/><scale value="1.7"/><rotate z="1" angle="20"/><translate x="0.1" z="4.5"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="3,2,1"/></emitter></shape>
+  <emitter type="constant"><rgb name="radiance" value="0.4,0.3,0.5"/></emitter></scene>"#
+    )
+}
+
+/// Diffuse, and of rough metal, which is bright at grazing.
+const CLAY: &str = r#"<bsdf type="diffuse"><rgb name="reflectance" value="0.7,0.4,0.2"/></bsdf>"#;
+const BRUSHED: &str = r#"<bsdf type="roughconductor"><float name="alpha" value="0.3"/><rgb name="eta" value="0.3,0.2,0.5"/><float name="k" value="2"/></bsdf>"#;
+
+/// A ball in fog behind a plane of glass, before a panel of light; another one glows.
+const BALLS: &str = r#"<scene version="3.0.0"><default name="ior" value="1.4"/><default name="x" value="0.1"/><default name="h" value="0"/><default name="cam" value="0.3"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.25,0.35,0.15"/><float name="albedo" value="0.8"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><lookat origin="$cam, 0.4, 3" target="0, 0, -1" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <shape type="rectangle"><transform name="to_world"><scale value="1000"/><rotate y="1" angle="10"/><translate z="$h"/></transform>
+    <bsdf type="dielectric"><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="fog"/></shape>
+  <shape type="sphere"><point name="center" value="$x, -0.2, -1.3"/><float name="radius" value="0.4"/><bsdf type="diffuse"><rgb name="reflectance" value="0.5,0.3,0.2"/></bsdf></shape>
+  <shape type="sphere"><point name="center" value="-0.7, 0.5, -1.1"/><float name="radius" value="0.2"/>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="4,5,6"/></emitter></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="1.2"/><translate x="0.3" z="-2.4"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="3,2,1"/></emitter></shape></scene>"#;
+
 /// All terms agree with differences in the red channel; without the room they do not.
 fn needs_the_room(text: &str, name: &str, h: f64, spp: u64) {
     let rest = ["interior", "pixel_edge", "surface_edge", "medium_edge"];
@@ -132,6 +166,23 @@ fn a_lamp_in_a_mirror() {
 }
 
 #[test]
+fn a_ball_in_a_mirror() {
+    for bsdf in [CLAY, BRUSHED] {
+        let text = ball_in_a_mirror(bsdf);
+        against_differences(&text, &[("x", 0.03), ("angle", 1.0)], &["all"], 1 << 13, 0.02);
+        needs_the_room(&text, "angle", 1.0, 1 << 12);
+    }
+}
+
+#[test]
+fn balls_behind_a_pane() {
+    let what = [("ior", 0.02), ("x", 0.03), ("h", 0.03), ("cam", 0.03)];
+    against_differences(BALLS, &what, &["all"], 1 << 13, 0.02);
+    needs_the_room(BALLS, "ior", 0.02, 1 << 13);
+    needs_the_room(BALLS, "h", 0.03, 1 << 13);
+}
+
+#[test]
 fn a_beam_that_parts_in_a_block() {
     against_differences(BEAM, &[("ior", 0.02), ("bx", 0.03), ("x", 0.03)], &["all"], 1 << 11, 0.02);
 }
@@ -142,6 +193,8 @@ fn forward_dot_v_equals_reverse() {
         (ROOM, vec!["ior", "x", "cam", "lamp"]),
         (BALL, vec!["cam", "lamp"]),
         (MIRROR, vec!["x", "angle"]),
+        (&ball_in_a_mirror(BRUSHED), vec!["x", "angle"]),
+        (BALLS, vec!["ior", "x", "h", "cam"]),
         (BEAM, vec!["ior", "bx", "x"]),
     ] {
         let (desc, sc) = scene(text);
