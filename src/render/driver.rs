@@ -16,6 +16,7 @@ use crate::math::rng::{Purpose, Rng};
 use crate::params::ParamSet;
 use crate::scene::Scene;
 use crate::term::{EdgeForm, Motion};
+use crate::transport::motion::Moving;
 use crate::transport::{State, Sweep, SweepFacts, border};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -150,9 +151,7 @@ impl Job<'_> {
     /// What a run of this job would refuse, without a sample.
     pub fn refuse(&self) -> Result<()> {
         let Some(params) = self.mode.params().filter(|p| !p.is_empty()) else { return Ok(()) };
-        let (motion, _) = self.prepare(Some(params))?;
-        let inner = motion.map(|m| m.moving.inner().clone()).unwrap_or_default();
-        SweepFacts::new(self.scene, &self.scene.sensors[self.sensor], params, &inner).map(|_| ())
+        self.prepare(Some(params)).map(|_| ())
     }
 
     fn run_with(&self, progress: &(dyn Fn(Progress) + Sync), wide: bool) -> Result<Outcome> {
@@ -173,9 +172,14 @@ impl Job<'_> {
         let (scene, sensor) = (self.scene, &self.scene.sensors[self.sensor]);
         let (images, room_count) = (self.layers().len() - 1, rooms.as_ref().map_or(0, |r| r.list.len()));
         let split_layers = self.split.then_some([1 + images, 1 + (2 + room_count) * images]);
-        let inner = motion.as_ref().map(|m| m.moving.inner().clone()).unwrap_or_default();
-        let swept = swept.map(|params| {
-            let facts = Arc::new(SweepFacts::new(scene, sensor, params, &inner)?);
+        let swept = swept.zip(motion.as_ref()).map(|(params, m)| {
+            // What the sweep leaves to nobody moves for all rooms; else fewer things do.
+            let whole = self.terms.wants("interior") && self.terms.wants(border::NAME);
+            let moving = match whole {
+                true => m.moving.clone(),
+                false => Moving::new(scene, sensor, params)?.with_inner(m.moving.inner().clone()),
+            };
+            let facts = Arc::new(SweepFacts::new(scene, params, moving));
             let sweep = Sweep { scene, set: &scene.settings, params, facts, sensor };
             Ok(Swept { sweep, borders, images, layers: split_layers })
         });

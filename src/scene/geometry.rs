@@ -86,7 +86,7 @@ impl On {
 enum Entry {
     /// A mesh: the primitive is the face.
     Mesh(u32),
-    /// Analytic shapes: a primitive is one face of one shape.
+    /// Analytic shapes, or a part of a mesh: a primitive is one face of one shape.
     Faces(Vec<(u32, u32)>),
 }
 
@@ -139,6 +139,11 @@ impl UserPrimitives for Faces {
 impl Group {
     /// Shapes (by index) of one kind.
     pub fn build(shapes: &[Instance], members: &[u32]) -> Result<Group> {
+        Group::build_of(shapes, members, None)
+    }
+
+    /// The same, of meshes only faces in boxes that `keep` wants.
+    pub fn build_of(shapes: &[Instance], members: &[u32], keep: Option<&dyn Fn(&Bounds) -> bool>) -> Result<Group> {
         let mut group = Group::default();
         let (mut meshes, mut simple) = (Vec::new(), Vec::new());
         for &i in members {
@@ -162,8 +167,18 @@ impl Group {
         group.geometry_of = vec![u32::MAX; shapes.len()];
         for i in meshes {
             if let Shape::Mesh(m) = &shapes[i as usize].shape {
-                group.geometry_of[i as usize] = builder.add_triangles(m.vertices.clone(), m.faces.clone())?;
-                group.entries.push(Entry::Mesh(i));
+                let around = |f: u32| m.corners(f).iter().fold(Bounds::EMPTY, |b, c| b.with_point(*c));
+                let kept = |f: &u32| keep.is_none_or(|keep| keep(&around(*f)));
+                let mut all = 0..m.faces.len() as u32;
+                let (faces, entry) = if keep.is_none() || all.all(|f| kept(&f)) {
+                    (m.faces.clone(), Entry::Mesh(i))
+                } else {
+                    let part: Vec<u32> = (0..m.faces.len() as u32).filter(kept).collect();
+                    let faces = part.iter().map(|&f| m.faces[f as usize]).collect();
+                    (faces, Entry::Faces(part.into_iter().map(|f| (i, f)).collect()))
+                };
+                group.geometry_of[i as usize] = builder.add_triangles(m.vertices.clone(), faces)?;
+                group.entries.push(entry);
             }
         }
         if !simple.is_empty() {

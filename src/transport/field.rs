@@ -158,8 +158,10 @@ impl Class {
             (!scene.is_null(s) || s.boundary) && gap < reach
         };
         let others: Vec<u32> = rest.into_iter().filter(counts).collect();
-        let group = |members: &[u32]| Ok(Arc::new(Group::build(&scene.shapes, members)?));
-        Ok(Class { bounds, reach, bends, own: group(&members)?, others: group(&others)? })
+        let own = Arc::new(Group::build(&scene.shapes, &members)?);
+        // Where nothing of the class is within reach V is 0 anyway.
+        let others = Arc::new(Group::build_of(&scene.shapes, &others, Some(&|face| face.gap(&bounds) < reach))?);
+        Ok(Class { bounds, reach, bends, own, others })
     }
 
     /// Shares a pull out among the faces of a mesh that bends.

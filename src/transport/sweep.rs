@@ -13,7 +13,6 @@
 //!
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
-use super::attach::InnerBorders;
 use super::border::{Borders, Place};
 use super::chained::{Backward, Start};
 use super::first::Opening;
@@ -22,7 +21,6 @@ use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::twin::Ways;
 use super::walk::{Flight, Stage, State, Tally, Walker};
 use super::{aim, camera_line, pane_motion};
-use crate::error::Result;
 use crate::light::Emission;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
@@ -101,7 +99,8 @@ struct MediumFacts {
 
 impl SweepFacts {
     /// `inner`: of faces that others pass through ([`Moving::with_inner`]).
-    pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet, inner: &Arc<InnerBorders>) -> Result<Self> {
+    /// `moving`: what moves for these parameters.
+    pub fn new(scene: &Scene, params: &ParamSet, moving: Moving) -> Self {
         let media: Vec<MediumFacts> = scene
             .media
             .iter()
@@ -121,8 +120,7 @@ impl SweepFacts {
             .collect();
         let rough = scene.surfaces.iter().map(|s| matches!(s, Surface::Rough(r) if r.is_active(params))).collect();
         let any_source = media.iter().any(|m| m.source) || surfaces.iter().any(|&s| s);
-        let (moving, borders) =
-            (Moving::new(scene, sensor, params)?.with_inner(inner.clone()), Borders::new(scene, params));
+        let borders = Borders::new(scene, params);
         let mut count: u32 = 0;
         let bit = |(i, l): (usize, &crate::light::Light)| {
             // A hard edge leaves nothing else of the light to the interior.
@@ -138,7 +136,7 @@ impl SweepFacts {
         let lights_only = !others.any_active() && !moving.any();
         let mirrors =
             moving.field.follows() && (0..scene.shapes.len() as u32).any(|i| moving.camera || moving.moves(i));
-        Ok(SweepFacts { mirrors, media, surfaces, rough, lights, any_source, lights_only, moving, borders })
+        SweepFacts { mirrors, media, surfaces, rough, lights, any_source, lights_only, moving, borders }
     }
 
     /// Without mirrored paths ([`super::mirror`]): for comparison.
