@@ -3,7 +3,6 @@ use crate::math::Rgb;
 use crate::params::Forward;
 use crate::scene::compile::LoadOptions;
 use crate::scene::desc::SceneDesc;
-use crate::transport::motion::Moving;
 use crate::transport::record::Event;
 use crate::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
 use std::path::Path;
@@ -102,7 +101,7 @@ fn beside_a_block(s: f64, rest: &str, precision: f64) -> usize {
     let sensor = &scene.sensors[0];
     let motion = Motion::new(&scene, sensor, &params).unwrap();
     let limbs = Limbs::new(&scene, 0, &motion).unwrap();
-    let facts = Arc::new(SweepFacts::new(&scene, &params, Moving::new(&scene, sensor, &params).unwrap()));
+    let facts = Arc::new(SweepFacts::of(&scene, sensor, &params).unwrap());
     let sweep = Sweep { scene: &scene, set: &scene.settings, params: &params, facts, sensor };
     let (mut rec, mut tally) = (PathRecord::new(), Tally::default());
     rec.chunk = 24;

@@ -1,5 +1,5 @@
 use super::super::first::Later;
-use super::super::motion::{Moving, later};
+use super::super::motion::later;
 use super::super::{State, Sweep, SweepFacts, Tally};
 use super::*;
 use crate::math::rng::Rng;
@@ -27,7 +27,7 @@ fn with_paths(mut test: impl FnMut(&Scene, &Moving, &PathRecord, &Starts)) {
     let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap();
     let params = scene.param_set(&desc, &["x".to_string()]).unwrap();
     let sensor = &scene.sensors[0];
-    let facts = Arc::new(SweepFacts::new(&scene, &params, Moving::new(&scene, sensor, &params).unwrap()));
+    let facts = Arc::new(SweepFacts::of(&scene, sensor, &params).unwrap());
     let sweep = Sweep { scene: &scene, set: &scene.settings, params: &params, facts: facts.clone(), sensor };
     let (mut rec, mut starts) = (PathRecord::new(), Starts::default());
     for k in 0..4000 {

@@ -21,6 +21,7 @@ use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::twin::Ways;
 use super::walk::{Flight, Stage, State, Tally, Walker};
 use super::{aim, camera_line, pane_motion};
+use crate::error::Result;
 use crate::light::Emission;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
@@ -99,6 +100,11 @@ struct MediumFacts {
 
 impl SweepFacts {
     /// `inner`: of faces that others pass through ([`Moving::with_inner`]).
+    /// Where no shapes pass through each other.
+    pub fn of(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Result<Self> {
+        Ok(SweepFacts::new(scene, params, Moving::new(scene, sensor, params)?))
+    }
+
     /// `moving`: what moves for these parameters.
     pub fn new(scene: &Scene, params: &ParamSet, moving: Moving) -> Self {
         let media: Vec<MediumFacts> = scene

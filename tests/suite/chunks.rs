@@ -23,7 +23,7 @@ const THICK: &str = r#"<scene version="3.0.0">
 fn chunked_sweep_gives_the_same_bits() {
     let (desc, scene) = scene(THICK);
     let p = params(&desc, &scene, &["sigma_t", "albedo", "g", "i"]);
-    let facts = Arc::new(SweepFacts::new(&scene, &scene.sensors[0], &p, &Arc::default()).unwrap());
+    let facts = Arc::new(SweepFacts::of(&scene, &scene.sensors[0], &p).unwrap());
     let sweep = Sweep { scene: &scene, set: &scene.settings, params: &p, facts, sensor: &scene.sensors[0] };
     let mut longest = 0;
     for sample in 0..200 {

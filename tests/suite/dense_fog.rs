@@ -20,7 +20,7 @@ const DENSE: &str = r#"<scene version="3.0.0">
 fn walks_around_a_light_stay_few() {
     let (desc, scene) = scene(DENSE);
     let p = params(&desc, &scene, &["x"]);
-    let facts = Arc::new(SweepFacts::new(&scene, &scene.sensors[0], &p, &Arc::default()).unwrap());
+    let facts = Arc::new(SweepFacts::of(&scene, &scene.sensors[0], &p).unwrap());
     let sensor = &scene.sensors[0];
     let sweep = Sweep { scene: &scene, set: &scene.settings, params: &p, facts, sensor };
     let (mut rec, mut sink, mut tally) = (PathRecord::new(), Forward::new(&p), Tally::default());

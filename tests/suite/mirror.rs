@@ -27,7 +27,7 @@ fn pairs_cancel_noise_and_nothing_else() {
     // Where the camera moves, most of the noise is elsewhere.
     for (moves, share) in [("x", 0.5), ("camera", 1.0)] {
         let p = params(&desc, &scene, &[moves]);
-        let facts = SweepFacts::new(&scene, &scene.sensors[0], &p, &Arc::default()).unwrap();
+        let facts = SweepFacts::of(&scene, &scene.sensors[0], &p).unwrap();
         let sensor = &scene.sensors[0];
         let both = [facts.clone().unpaired(), facts].map(Arc::new);
         let (mut sums, mut squares, mut difference) = ([0.0; 2], [0.0; 2], [0.0; 2]);

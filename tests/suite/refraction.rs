@@ -261,7 +261,7 @@ fn scores_beside_the_critical_angle_have_a_second_moment() {
     let (desc, mut sc) = scene(&ball());
     let p = params(&desc, &sc, &["ior"]);
     let moment = |sc: &Scene| {
-        let facts = Arc::new(SweepFacts::new(sc, &sc.sensors[0], &p, &Arc::default()).unwrap());
+        let facts = Arc::new(SweepFacts::of(sc, &sc.sensors[0], &p).unwrap());
         let sweep = Sweep { scene: sc, set: &sc.settings, params: &p, facts, sensor: &sc.sensors[0] };
         let (mut rec, sensor) = (PathRecord::new(), &sc.sensors[0]);
         let n = 1 << 17;
@@ -351,7 +351,7 @@ fn chunks_give_the_same_bits() {
 fn same_in_chunks(text: &str, names: &[&str], least: usize) {
     let (desc, scene) = scene(text);
     let p = params(&desc, &scene, names);
-    let facts = Arc::new(SweepFacts::new(&scene, &scene.sensors[0], &p, &Arc::default()).unwrap());
+    let facts = Arc::new(SweepFacts::of(&scene, &scene.sensors[0], &p).unwrap());
     let sweep = Sweep { scene: &scene, set: &scene.settings, params: &p, facts, sensor: &scene.sensors[0] };
     let mut longest = 0;
     for sample in 0..200 {
