@@ -83,12 +83,12 @@ pub struct RenderOptions {
     /// Set voxels that are NaN, infinite or negative to 0 (albedos above 1 to 1) instead of refusing the file, and count them
     #[arg(long)]
     pub repair_voxels: bool,
-    /// Stop when this time is over, e.g. 90s, 5m, 1h: with the batches (1/32 of the samples each) that are done by then, but not
-    /// before one is. Error bars need two
+    /// Stop when this time is over, e.g. 90s, 5m, 1h: with the batches that are done by then, but not before one is. The first ones
+    /// are of one sample, later ones of 1/32 of all at most. Error bars need two
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub max_time: Option<Duration>,
     /// Stop after the batch in which the picture's relative error (root mean square error over mean) falls below this,
-    /// e.g. 0.01, but not before 8 of the 32 batches: fewer do not tell the error well
+    /// e.g. 0.01, but not before a quarter of the samples and 8 batches: fewer do not tell the error well
     #[arg(long, value_name = "ERROR", value_parser = positive)]
     pub target_error: Option<f64>,
     /// Share of samples that may be biased (left out, cut) before the exit code is 3

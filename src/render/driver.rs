@@ -1,7 +1,7 @@
 //! The driver: pixels x samples -> film layers or a gradient. Work is cut into fixed batches (for the variance) and tiles (for
 //! threads); random numbers depend on neither, sums on no order.
 
-use super::film::{Film, FilmSpec, batch_ranges};
+use super::film::{Film, FilmSpec, batch_ranges, graded_ranges};
 use super::filter;
 use super::gradient::{Batches, Gradient, Size};
 use super::health::Mishap;
@@ -57,7 +57,7 @@ pub struct Job<'a> {
     pub edges: EdgeForm,
     /// A layer for each term of each derivative too.
     pub split: bool,
-    /// Stop when this time is over, but not before one batch is done.
+    /// Stop when this time is over, but not before one batch is done. Batches grow from one sample then.
     pub max_time: Option<Duration>,
     /// Stop after the batch in which the relative error of the picture's mean pixel falls below this.
     pub target_error: Option<f64>,
@@ -173,9 +173,8 @@ impl Job<'_> {
         let (images, room_count) = (self.layers().len() - 1, rooms.as_ref().map_or(0, |r| r.list.len()));
         let split_layers = self.split.then_some([1 + images, 1 + (2 + room_count) * images]);
         let swept = swept.zip(motion.as_ref()).map(|(params, m)| {
-            // What the sweep leaves to nobody moves for all rooms; else fewer things do.
-            let whole = self.terms.wants("interior") && self.terms.wants(border::NAME);
-            let moving = match whole {
+            // Without the interior only borders move, which are no opaque shapes.
+            let moving = match self.terms.wants("interior") {
                 true => m.moving.clone(),
                 false => Moving::new(scene, sensor, params)?.with_inner(m.moving.inner().clone()),
             };
@@ -198,7 +197,7 @@ impl Job<'_> {
         let mut work = Work { swept, limbs, rooms, film: Film::new(spec) };
         let pixels = self.width() * self.height();
         let tiles = pixels.div_ceil(TILE);
-        let batches = batch_ranges(self.spp);
+        let batches = if self.max_time.is_some() { graded_ranges(self.spp) } else { batch_ranges(self.spp) };
         let reverse = matches!(self.mode, Mode::Reverse(..));
         let slots = &self.scene.slots;
         let size = match reverse {
@@ -223,7 +222,7 @@ impl Job<'_> {
                 self.tile(range, first..first + n, &work, &light_on_ray, sink);
                 let k = done.fetch_add(1, Ordering::Relaxed) + 1;
                 progress(Progress {
-                    done: (index as f64 + k as f64 / tiles as f64) / batches.len() as f64,
+                    done: (taken as f64 + n as f64 * k as f64 / tiles as f64) / self.spp as f64,
                     elapsed: start.elapsed(),
                     samples: taken * pixels as u64 + n * (k * pixels / tiles) as u64,
                     error,
@@ -243,7 +242,7 @@ impl Job<'_> {
             taken += n;
             gradients.push(&mut gradient, n);
             error = relative_error(&work.film);
-            if self.target_error.is_some_and(|t| index >= 7 && error <= t) {
+            if self.target_error.is_some_and(|t| index >= 7 && 4 * taken >= self.spp && error <= t) {
                 target_reached = Some(true);
                 break;
             }

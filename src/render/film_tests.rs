@@ -211,20 +211,34 @@ fn mismatches_are_refused_and_change_nothing() {
     assert_eq!(a.batches(), [Batch { index: 3, samples: 1 }]);
 }
 
+fn cover(ranges: &[(u64, u64)], spp: u64) {
+    let mut next = 0;
+    for &(first, n) in ranges {
+        assert_eq!(first, next);
+        assert!(n > 0);
+        next += n;
+    }
+    assert_eq!(next, spp);
+}
+
 #[test]
 fn batch_ranges_cover_the_samples() {
     for spp in [1, 5, 31, 32, 33, 100, 1000] {
         let r = batch_ranges(spp);
         assert_eq!(r.len() as u64, spp.min(32));
-        let mut next = 0;
-        for (first, n) in r {
-            assert_eq!(first, next);
-            assert!(n > 0);
-            next += n;
-        }
-        assert_eq!(next, spp);
+        cover(&r, spp);
     }
     assert!(batch_ranges(0).is_empty());
+}
+
+#[test]
+fn batches_of_limited_runs_begin_small() {
+    for spp in [1, 5, 32, 33, 1000, 400_000] {
+        let r = graded_ranges(spp);
+        cover(&r, spp);
+        assert!(r.len() as u64 >= spp.min(32) && r.len() < 80, "{spp}: {}", r.len());
+        assert!(r.iter().all(|&(first, n)| n == 1 || n <= first / 4 && n <= spp / 32), "{spp}");
+    }
 }
 
 #[test]

@@ -148,7 +148,7 @@ pub struct Facts {
     /// Something with an outline (occluder, lamp) can be seen or cast by way of an interface.
     pub beyond_interface: bool,
     /// Beside a smooth interface, something of which edges are not straight: an opaque disk or cylinder, or an interface that is a cylinder.
-    pub round_rim: bool,
+    pub rimmed: bool,
     /// A zero-measure light whose light has to cross an interface.
     pub light_across_interface: bool,
 }
@@ -383,7 +383,7 @@ impl Plan {
                 miss(Term::S, why, zero_measure(&parts).map(|l| Cause::of_light(l, remedy)));
             }
             let turns = motion.ior || motion.interface || motion.beam;
-            if facts.round_rim && (matter || turns) {
+            if facts.rimmed && (matter || turns) {
                 let why = "what has a round rim may be seen by way of an interface";
                 let remedy = "make it a mesh of flat faces: beside glass and mirrors, rims have to be straight";
                 miss(Term::VE, why, rimmed(&parts).map(|s| Cause::of_shape(s, remedy)));
@@ -486,7 +486,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         rims: rims(p),
         // Whatever there is besides, or behind, may be seen in it.
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
-        round_rim: p.shapes.iter().any(|s| smooth(s.surface)) && rimmed(p).is_some(),
+        rimmed: p.shapes.iter().any(|s| smooth(s.surface)) && rimmed(p).is_some(),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
     }
 }

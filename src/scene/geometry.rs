@@ -142,7 +142,7 @@ impl Group {
         Group::build_of(shapes, members, None)
     }
 
-    /// The same, of meshes only faces in boxes that `keep` wants.
+    /// The same, for nearest points: of meshes only faces in boxes that `keep` wants.
     pub fn build_of(shapes: &[Instance], members: &[u32], keep: Option<&dyn Fn(&Bounds) -> bool>) -> Result<Group> {
         let mut group = Group::default();
         let (mut meshes, mut simple) = (Vec::new(), Vec::new());

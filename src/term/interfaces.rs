@@ -75,7 +75,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         return Err(Error::scene(
             &s.span,
             what,
-            "only balls and what has straight edges may stand beside interfaces: spheres, rectangles, cubes, meshes",
+            "only opaque balls and what has straight edges may stand beside interfaces: spheres, rectangles, cubes, meshes",
         ));
     }
     touching(scene)?;

@@ -11,6 +11,7 @@ pub mod crossings;
 pub mod cuts;
 pub mod edge_set;
 pub mod ends;
+pub mod facing;
 pub mod fermat;
 pub mod follows;
 pub mod grazing;

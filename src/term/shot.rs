@@ -13,7 +13,7 @@
 use crate::math::fresnel::Interface;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Dual, Real, Rgb, V3, warp};
-use crate::scene::{Hit, On, Scene, effort};
+use crate::scene::{On, Scene, effort};
 use crate::shape::{Geometry, Shape, Sphere};
 use crate::surface::Surface;
 use crate::transport::line::Line;
@@ -73,7 +73,7 @@ impl Step {
 pub enum Target {
     Point(DVec3),
     /// The point where a ray grazes a ball, on the great circle of this unit normal.
-    Rim {
+    Ball {
         ball: u32,
         c: DVec3,
         r: f64,
@@ -83,15 +83,15 @@ pub enum Target {
 
 impl Target {
     /// Of a ball, by a great circle that two numbers draw.
-    pub fn rim(ball: u32, s: &Sphere, u: f64, v: f64) -> Target {
-        Target::Rim { ball, c: s.center, r: s.radius, normal: warp::sphere(u, v) }
+    pub fn ball(ball: u32, s: &Sphere, u: f64, v: f64) -> Target {
+        Target::Ball { ball, c: s.center, r: s.radius, normal: warp::sphere(u, v) }
     }
 
     /// The point itself, or the ball's centre.
     fn middle(&self) -> DVec3 {
         match self {
             Target::Point(e) => *e,
-            Target::Rim { c, .. } => *c,
+            Target::Ball { c, .. } => *c,
         }
     }
 }
@@ -108,8 +108,8 @@ pub struct Shot {
     pub medium: Option<u32>,
     /// Radiance that the eye gets of a unit at e.
     pub weight: Rgb,
-    /// Area across the ray at e over the eye's solid angle or area; of a ball, what a ray's way past it grows by, over the same of the eye, times the length of the outline, per
-    /// the probability density of points of the outline.
+    /// Area across the ray at e over the eye's solid angle or area. Of a ball how fast rays come off its outline, times how fast their point runs along that, both per unit of the eye's,
+    /// over π R: random great circles find `1/(π R)` points per length.
     pub spread: f64,
 }
 
@@ -283,7 +283,7 @@ fn miss(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], target: &Target)
             let (x, y) = warp::frame(d.value());
             (across.dot(V3::constant(x)), across.dot(V3::constant(y)))
         }
-        Target::Rim { r, normal, .. } => {
+        Target::Ball { r, normal, .. } => {
             let far = across.dot(across);
             if far.v <= 0.0 {
                 return None;
@@ -301,7 +301,7 @@ impl Miss {
     fn met(&self, target: &Target) -> DVec3 {
         match target {
             Target::Point(e) => *e,
-            Target::Rim { c, r, .. } => *c + (self.foot.value() - *c).normalize() * *r,
+            Target::Ball { c, r, .. } => *c + (self.foot.value() - *c).normalize() * *r,
         }
     }
 
@@ -310,7 +310,7 @@ impl Miss {
         let [a, b] = self.by;
         match target {
             Target::Point(_) => a.perp_dot(b).abs(),
-            Target::Rim { r, .. } => {
+            Target::Ball { r, .. } => {
                 // Across the outline rays come nearer by `steep`; along it the point moves on the ball.
                 let steep = DVec2::new(a.x, b.x);
                 let along = steep.perp().normalize_or_zero();
@@ -353,8 +353,16 @@ fn solve(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], target: &Target
     None
 }
 
-/// The eye's ray to a target through this chain, if the scene lets it through.
-fn fire(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], target: &Target) -> Option<Shot> {
+/// The eye's ray to a target through this chain, if the scene lets it through. `past`: the ball that it grazes, which by rounding it may meet a little before.
+fn fire(
+    scene: &Scene,
+    eye: &Eye,
+    start: Start,
+    place: &Place,
+    chain: &[Step],
+    target: &Target,
+    past: Option<u32>,
+) -> Option<Shot> {
     let mut k = 0;
     let left = walk(scene, start, place, true, |met, _, _| {
         let step = chain.get(k).filter(|s| (s.shape, s.face) == (met.hit.shape, met.hit.face))?;
@@ -371,9 +379,7 @@ fn fire(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], t
     let (_, hit) = Line::to_surface(scene, left.at.o, w, &left.on, left.medium, false)?;
     // Where e lies on the chain's last face it is that face's border, not something behind it.
     let on_the_last = left.chain.last().is_some_and(|_| distance <= SAME * (e - start.o).length());
-    // What only grazes a ball may meet it a little before.
-    let grazes = |h: &Hit| matches!(target, Target::Rim { ball, .. } if h.shape == *ball);
-    let stopped = hit.is_some_and(|h| h.t < distance * (1.0 - AT_THE_EDGE) && !grazes(&h));
+    let stopped = hit.is_some_and(|h| h.t < distance * (1.0 - AT_THE_EDGE) && past != Some(h.shape));
     if distance <= 0.0 || on_the_last || stopped {
         return None;
     }
@@ -392,15 +398,20 @@ fn fire(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], t
     })
 }
 
-/// The straight shot to e.
-pub fn straight(scene: &Scene, p: DVec3, place: &Place, e: DVec3) -> Option<Shot> {
-    fire(scene, &Eye::Point(p), Start { o: p, w: (e - p).normalize() }, place, &[], &Target::Point(e))
+/// The straight shot to e, which may be where it grazes the ball `past`.
+pub fn straight(scene: &Scene, p: DVec3, place: &Place, e: DVec3, past: Option<u32>) -> Option<Shot> {
+    let start = Start { o: p, w: (e - p).normalize() };
+    fire(scene, &Eye::Point(p), start, place, &[], &Target::Point(e), past)
 }
 
 /// The shot to a target by these faces, from a ray near it.
 pub fn by(scene: &Scene, eye: &Eye, near: Start, place: &Place, chain: &[Step], target: &Target) -> Option<Shot> {
     let found = solve(scene, eye, near, chain, target)?;
-    fire(scene, eye, found, place, chain, target)
+    let past = match target {
+        Target::Ball { ball, .. } => Some(*ball),
+        Target::Point(_) => None,
+    };
+    fire(scene, eye, found, place, chain, target, past)
 }
 
 fn steps(chain: &[Specular]) -> Vec<Step> {
@@ -456,3 +467,7 @@ impl Drawn {
         })
     }
 }
+
+#[cfg(test)]
+#[path = "shot_tests.rs"]
+mod tests;

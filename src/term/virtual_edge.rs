@@ -13,11 +13,11 @@
 //! face. Along the rim of a ball of glass both sides see the same light, as all is mirrored straight on, but where it ends is told in two ways, and they move
 //! differently.
 
-use super::edge_set::{EdgeSet, SharedEdge};
+use super::edge_set::EdgeSet;
 use super::ends::{self, Point};
+use super::facing::{Facing, Outline};
 use super::grazing_line::{Curve, seen_on};
 use super::known_chains::KnownChains;
-use super::outline::Faces;
 use super::seen_path::{Path, Vertex};
 use super::sheet::Partials;
 use super::shot::{self, Drawn, Eye, Place, Shot, Start, Step, Target};
@@ -28,8 +28,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
 use crate::scene::{Hit, Instance, Scene};
 use crate::sensor::{Projection, Sensor};
-use crate::shape::edges::FLAT;
-use crate::shape::{Geometry, Shape, Sphere};
+use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use crate::transport::first::FilmLine;
 use crate::transport::ray::MovingRay;
@@ -56,93 +55,6 @@ pub struct VirtualEdge {
     by_area: Discrete,
 }
 
-/// An edge as a ray sees it.
-struct Facing {
-    /// Across the ray, toward the lit side.
-    n: DVec3,
-    /// Of the angle between the ray and the edge.
-    sin: f64,
-    /// Faces (shape, face) on either side; none on the lit one of a silhouette.
-    faces: Faces,
-}
-
-impl Facing {
-    /// n: away from the ball's centre.
-    fn of_ball(ball: u32, n: DVec3) -> Facing {
-        Facing { n, sin: 1.0, faces: Faces { own: vec![(ball, 0)], lit: Vec::new() } }
-    }
-
-    fn new(scene: &Scene, e: &SharedEdge, w: DVec3) -> Option<Facing> {
-        let normal = (e.edge.b - e.edge.a).normalize().cross(w);
-        let sin = normal.length();
-        if sin.is_nan() || sin <= 0.0 {
-            return None;
-        }
-        let on = |keep: &dyn Fn(f64) -> bool| {
-            let sides = e.sides().filter(|s| keep(normal.dot(s.2 - e.edge.a)));
-            sides.map(|s| (s.0, s.1)).collect::<Vec<_>>()
-        };
-        let side = e.edge.covered_side(normal);
-        if side != 0.0 {
-            return Some(Facing {
-                n: normal * (-side / sin),
-                sin,
-                faces: Faces { own: on(&|_| true), lit: Vec::new() },
-            });
-        }
-        let (own, lit) = (on(&|d| d < 0.0), on(&|d| d > 0.0));
-        let parts = !own.is_empty() && !lit.is_empty() && parts(scene, e);
-        parts.then_some(Facing { n: normal / sin, sin, faces: Faces { own, lit } })
-    }
-}
-
-/// What shots go past.
-enum Outline<'a> {
-    Edge(SharedEdge),
-    /// An opaque one.
-    Ball(u32, &'a Sphere),
-}
-
-impl Outline<'_> {
-    /// A random point of an edge, by the number t, or great circle of a ball.
-    fn target(&self, t: f64, rng: &mut Rng) -> Target {
-        match self {
-            Outline::Edge(e) => Target::Point(e.edge.a.lerp(e.edge.b, t)),
-            Outline::Ball(ball, s) => Target::rim(*ball, s, t, rng.uniform()),
-        }
-    }
-
-    fn grazed(&self) -> Cow<'_, [(u32, Vec<u32>)]> {
-        match self {
-            Outline::Edge(e) => Cow::Borrowed(&e.faces),
-            Outline::Ball(ball, _) => Cow::Owned(vec![(*ball, Vec::new())]),
-        }
-    }
-
-    /// As a shot sees it, and its length across that over the [`Shot::spread`]'s.
-    fn facing(&self, scene: &Scene, shot: &Shot) -> Option<(Facing, f64)> {
-        match self {
-            Outline::Edge(e) => {
-                let facing = Facing::new(scene, e, shot.w)?;
-                let length = facing.sin * (e.edge.b - e.edge.a).length();
-                Some((facing, length))
-            }
-            Outline::Ball(ball, s) => Some((Facing::of_ball(*ball, (shot.e - s.center).normalize()), 1.0)),
-        }
-    }
-}
-
-/// Whether what leaves the faces of an edge may differ: they have another slope or another surface.
-fn parts(scene: &Scene, e: &SharedEdge) -> bool {
-    let middle = 0.5 * (e.edge.a + e.edge.b);
-    let mut sides = e.sides().map(|(id, face, _)| {
-        let s = &scene.shapes[id as usize];
-        (s.shape.normal(face, middle), s.surface, s.light)
-    });
-    let Some((n, surface, light)) = sides.next() else { return false };
-    sides.any(|(m, s, l)| (s, l) != (surface, light) || n.cross(m).length() > FLAT || n.dot(m) < 0.0)
-}
-
 fn is_smooth(scene: &Scene, shape: u32) -> bool {
     scene.surface_of(shape).is_smooth()
 }
@@ -157,7 +69,7 @@ fn sees_rims(scene: &Scene, is_ball: impl Fn(&Instance) -> bool) -> bool {
     scene.shapes.iter().any(beside) || scene.sensors.iter().any(|s| fog(s.medium))
 }
 
-/// A shot to a point of an edge, and the probability of the way that it was looked for.
+/// A shot past an edge or a ball, and the probability of the way that it was looked for.
 enum Aimed {
     /// By a chosen chain: of that, too.
     Known(Shot, f64),
@@ -217,9 +129,16 @@ impl VirtualEdge {
         let smooth = |i: u32| is_smooth(scene, i);
         let is_smooth_ball = |s: &Instance| ball(s) && scene.surfaces[s.surface as usize].is_smooth();
         let rims = sees_rims(scene, is_smooth_ball);
+        // Within a ball that lets no light out no way grazes it.
+        let holds_all = |s: &Instance| match (&s.shape, camera_eye(sensor)) {
+            (Shape::Sphere(b), Eye::Point(o)) => {
+                (o - b.center).length() < b.radius && !scene.surfaces[s.surface as usize].is_transparent()
+            }
+            _ => false,
+        };
         let counts = |&i: &u32| {
             let s = &scene.shapes[i as usize];
-            ball(s) && if smooth(i) { rims } else { !scene.is_null(s) }
+            ball(s) && if smooth(i) { rims } else { !scene.is_null(s) && !holds_all(s) }
         };
         let balls: Vec<u32> = (0..scene.shapes.len() as u32).filter(counts).collect();
         let round = |i: u32| match &scene.shapes[i as usize].shape {
@@ -268,13 +187,13 @@ impl VirtualEdge {
         let e = self.edges.get(scene, k);
         let Some((b, per_length)) = seen_on(e.edge.a, e.edge.b, v.p(), u) else { return };
         let w = (b - v.p()).normalize();
-        let Some(facing) = Facing::new(scene, &e, w) else { return };
+        let Some((facing, sin)) = Facing::of_edge(scene, &e, w) else { return };
         let scatter = v.scatter(scene, w);
         if scatter.is_zero() {
             return;
         }
-        let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), b) else { return };
-        let weight = v.weight * scatter * shot.weight * (facing.sin / (shot.spread * per_length * probability));
+        let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), b, None) else { return };
+        let weight = v.weight * scatter * shot.weight * (sin / (shot.spread * per_length * probability));
         let Some(jump) = self.jump(cx, &shot, &facing, &e.faces, v.depth + 1, true, rng) else { return };
         self.hand_out(cx, path, v, &shot, facing.n, &e.faces, weight, &jump, film, emit);
     }
@@ -299,7 +218,7 @@ impl VirtualEdge {
         if scatter.is_zero() {
             return;
         }
-        let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), line.b) else { return };
+        let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), line.b, Some(ball)) else { return };
         let grazed = [(ball, Vec::new())];
         let weight = v.weight * scatter * shot.weight * (line.measure / (line.own * probability));
         if !is_smooth(scene, ball) {
@@ -384,7 +303,7 @@ impl VirtualEdge {
         }
     }
 
-    /// A shot by way of interfaces from an eye, whose rays are drawn by `random`; `start`: how its ray along a direction moves, `aim` finds one to a point, `begins`: how much it counts and where on the film.
+    /// A shot by way of interfaces from an eye, whose rays are drawn by `random`; `start`: how its ray along a direction moves, `aim` finds one to its target, `begins`: how much it counts and where on the film.
     fn through(
         &self,
         cx: &mut Context,
@@ -535,7 +454,7 @@ impl Room for VirtualEdge {
             };
             match *target {
                 // Known chains have one ray to a point, but several past a ball.
-                Target::Rim { .. } => draw(rng, &|_| false).map(|d| Aimed::Drawn(d, 1.0)),
+                Target::Ball { .. } => draw(rng, &|_| false).map(|d| Aimed::Drawn(d, 1.0)),
                 Target::Point(e) if lead[1] < share => {
                     let (shot, p) = self.known.shoot(scene, &eye, &place, e, lead[1] / share, &lost)?;
                     Some(Aimed::Known(shot, share * p))

@@ -99,8 +99,7 @@ struct MediumFacts {
 }
 
 impl SweepFacts {
-    /// `inner`: of faces that others pass through ([`Moving::with_inner`]).
-    /// Where no shapes pass through each other.
+    /// Where no shapes pass through each other: for tests.
     pub fn of(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Result<Self> {
         Ok(SweepFacts::new(scene, params, Moving::new(scene, sensor, params)?))
     }

@@ -93,6 +93,55 @@ fn the_field_is_what_moves_and_nothing_elsewhere() {
     }
 }
 
+/// Of a mesh that lies partly within reach of what moves only faces there are looked at, and of one far away none: V is 0 on all of them all the same.
+#[test]
+fn the_field_ends_on_meshes_that_are_partly_within_reach() {
+    let folder = tempfile::tempdir().unwrap();
+    let sheet = |name: &str, z: f64| {
+        let mut obj = String::new();
+        let n = 41;
+        for i in 0..n * n {
+            let (x, y) = (f64::from(i % n) / 10.0 - 2.0, f64::from(i / n) / 10.0 - 2.0);
+            obj += &format!("v {x} {y} {}\n", z + 0.1 * (3.0 * x).sin());
+        }
+        for i in (0..n * (n - 1)).filter(|i| i % n < n - 1) {
+            obj += &format!("f {} {} {}\nf {} {} {}\n", i + 1, i + 2, i + n + 2, i + 1, i + n + 2, i + n + 1);
+        }
+        std::fs::write(folder.path().join(name), obj).unwrap();
+        format!(
+            r#"<shape type="obj"><string name="filename" value="{name}"/><boolean name="face_normals" value="true"/><bsdf type="diffuse"/></shape>"#
+        )
+    };
+    let text = format!(
+        r#"<scene version="3.0.0"><default name="x" value="0.1"/><integrator type="volpath"/>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.7"/><float name="albedo" value="0.8"/></medium>
+  <sensor type="perspective"><ref id="fog"/><transform name="to_world"><lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>
+  <shape type="sphere"><point name="center" value="$x, 0.3, 0"/><float name="radius" value="0.3"/><bsdf type="diffuse"/></shape>{}{}
+  <emitter type="constant"/></scene>"#,
+        sheet("near.obj", -0.45),
+        sheet("far.obj", -1.9)
+    );
+    let path = folder.path().join("sheets.xml");
+    let desc = tyndall::scene::SceneDesc::parse(&text, &path, &[]).unwrap();
+    let scene = Scene::compile(&desc, &Default::default()).unwrap();
+    let params = params(&desc, &scene, &["x"]);
+    let moving = Moving::new(&scene, &scene.sensors[0], &params).unwrap();
+    let c = Case { scene, params, moving };
+    let (mut moves, mut rng) = (0, Rng::keyed(5, 0, 0, 0));
+    for shape in [1, 2] {
+        let Shape::Mesh(m) = &c.scene.shapes[shape].shape else { panic!("no mesh") };
+        for face in 0..m.faces.len() as u32 {
+            let [o, a, b] = m.corners(face);
+            let u = rng.uniform();
+            let p = o + (a - o) * (1.0 - u) * rng.uniform() + (b - o) * u;
+            let v = |p: DVec3| c.vector(&c.at(&First::default(), p).0, 0).length();
+            assert!(v(p) < 1e-9, "{p}");
+            moves += usize::from(v(p + DVec3::Z * 0.05) > 0.0);
+        }
+    }
+    assert!(moves > 50, "{moves}");
+}
+
 #[test]
 fn divergences_are_those_of_the_field() {
     let c = case();

@@ -32,7 +32,7 @@ const NO: Facts = Facts {
     one_pane: false,
     polygonal_dielectric: false,
     rims: false,
-    round_rim: false,
+    rimmed: false,
     beyond_interface: false,
     light_across_interface: false,
 };

@@ -94,6 +94,17 @@ fn ball_in_a_mirror(bsdf: &str) -> String {
     )
 }
 
+/// A ball in a mirror ball, between a lamp and the sky, seen along parallel rays.
+const BALL_IN_A_BALL: &str = r#"<scene version="3.0.0"><default name="x" value="0.9"/><default name="r" value="0.5"/>
+  <integrator type="volpath"><integer name="max_depth" value="-1"/></integrator>
+  <sensor type="orthographic"><transform name="to_world"><scale x="0.5" y="0.5"/><lookat origin="0.2, 0.2, 4" target="0.2, 0.2, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <shape type="sphere"><float name="radius" value="0.8"/><bsdf type="conductor"/></shape>
+  <shape type="sphere"><point name="center" value="$x, 0.6, 2"/><float name="radius" value="$r"/><bsdf type="diffuse"><rgb name="reflectance" value="0.3,0.2,0.1"/></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="1.5"/><rotate y="1" angle="200"/><translate x="1.5" y="1" z="5"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="3,2,1"/></emitter></shape>
+  <emitter type="constant"><rgb name="radiance" value="0.4,0.3,0.5"/></emitter></scene>"#;
+
 /// Diffuse, and of rough metal, which is bright at grazing.
 const CLAY: &str = r#"<bsdf type="diffuse"><rgb name="reflectance" value="0.7,0.4,0.2"/></bsdf>"#;
 const BRUSHED: &str = r#"<bsdf type="roughconductor"><float name="alpha" value="0.3"/><rgb name="eta" value="0.3,0.2,0.5"/><float name="k" value="2"/></bsdf>"#;
@@ -172,6 +183,12 @@ fn a_ball_in_a_mirror() {
         against_differences(&text, &[("x", 0.03), ("angle", 1.0)], &["all"], 1 << 13, 0.02);
         needs_the_room(&text, "angle", 1.0, 1 << 12);
     }
+}
+
+#[test]
+fn a_ball_in_a_mirror_ball() {
+    against_differences(BALL_IN_A_BALL, &[("x", 0.03), ("r", 0.03)], &["all"], 1 << 12, 0.02);
+    needs_the_room(BALL_IN_A_BALL, "r", 0.03, 1 << 12);
 }
 
 #[test]

@@ -1,0 +1,76 @@
+//! Shots past balls, against outlines that formulas give.
+
+use super::super::grazing_line::Curve;
+use super::*;
+use crate::math::stats::Moments;
+use crate::scene::SceneDesc;
+use crate::scene::compile::LoadOptions;
+use std::f64::consts::TAU;
+
+fn compile(text: &str) -> Scene {
+    let desc = SceneDesc::parse(text, std::path::Path::new("shots.xml"), &[]).unwrap();
+    Scene::compile(&desc, &LoadOptions::default()).unwrap()
+}
+
+fn ball(scene: &Scene, shape: u32) -> &Sphere {
+    match &scene.shapes[shape as usize].shape {
+        Shape::Sphere(s) => s,
+        _ => panic!("no ball"),
+    }
+}
+
+/// A ball in a mirror: of its image, at the distance D, an eye's directions cross `∫ dl / |∇ distance| = 2π tan β / D` (sin β = R/D), rays along one direction `2π R`.
+#[test]
+fn great_circles_measure_outlines() {
+    let text = r#"<scene version="3.0.0"><integrator type="volpath"/><sensor type="perspective"/>
+      <shape type="rectangle"><transform name="to_world"><scale value="50"/></transform><bsdf type="conductor"/></shape>
+      <shape type="sphere"><point name="center" value="0.4, 0.2, 2"/><float name="radius" value="0.7"/><bsdf type="diffuse"/></shape>
+      <emitter type="constant"/></scene>"#;
+    let scene = compile(text);
+    let o = DVec3::new(-1.5, 0.3, 3.0);
+    let (r, d) = (0.7, (DVec3::new(0.4, 0.2, -2.0) - o).length());
+    let along = DVec3::new(0.5, 0.0, -1.0).normalize();
+    let place = Place::within(None);
+    for (eye, truth) in [(Eye::Point(o), TAU * r / (d * d - r * r).sqrt() / d), (Eye::Parallel(along), TAU * r)] {
+        let random = |rng: &mut Rng| {
+            let [a, b] = [6.0 * rng.uniform() - 3.0, 6.0 * rng.uniform() - 3.0];
+            let (x, y) = warp::frame(along);
+            Some(match eye {
+                Eye::Point(o) => Start { o, w: (DVec3::new(a, b, 0.0) - o).normalize() },
+                // On a plane across them.
+                Eye::Parallel(w) => Start { o: x * a + y * b - w * 6.0, w },
+            })
+        };
+        let (mut rng, mut sum) = (Rng::keyed(11, 0, 0, 0), Moments::default());
+        for _ in 0..20_000 {
+            let target = Target::ball(1, ball(&scene, 1), rng.uniform(), rng.uniform());
+            let drawn = draw(&scene, &eye, &place, &target, &mut rng, random, |_| false);
+            let weight = drawn.map_or(0.0, |s| {
+                assert!(((s.shot.e - ball(&scene, 1).center).length() - r).abs() < 1e-9);
+                s.trials(&scene, &eye, &place, &target, &mut rng, random).unwrap() / s.shot.spread
+            });
+            sum.push(weight);
+        }
+        let (mean, error) = (sum.mean, sum.standard_error());
+        assert!(error < 0.02 * truth && (mean - truth).abs() < 4.0 * error, "{mean} +- {error}, {truth}");
+    }
+}
+
+/// From near by, and far from the origin, where rounding lets lines touch the ball before the point that they go to.
+#[test]
+fn lines_that_graze_a_ball_arrive() {
+    let text = r#"<scene version="3.0.0"><integrator type="volpath"/><sensor type="perspective"/>
+      <shape type="sphere"><point name="center" value="100, 80, -90"/><float name="radius" value="0.1"/><bsdf type="diffuse"/></shape>
+      <emitter type="constant"/></scene>"#;
+    let scene = compile(text);
+    let s = ball(&scene, 0);
+    let curve = Curve::Sphere { c: s.center, r: s.radius };
+    let mut rng = Rng::keyed(12, 0, 0, 0);
+    for _ in 0..2000 {
+        let height = 10f64.powf(-4.0 * rng.uniform());
+        let p = s.center + warp::sphere(rng.uniform(), rng.uniform()) * (s.radius * (1.0 + height));
+        let line = curve.from_vertex(p, rng.uniform()).unwrap();
+        let shot = straight(&scene, p, &Place::within(None), line.b, Some(0));
+        assert!(shot.is_some(), "from {height} above");
+    }
+}
