@@ -163,7 +163,7 @@ pub fn run(options: &StressOptions, out: &mut dyn FnMut(&StressRow)) -> Result<S
     for case in wanted {
         let mut b = Bench { effort: options.effort, pool: &pool, case, out: &mut *out, summary: &mut summary };
         match stress_cases::runner(&case.name) {
-            None => b.not_yet("", "its features do not exist yet"),
+            None => b.not_yet("", "no scene of this suite yet"),
             Some(runner) => {
                 if let Err(e) = runner(&mut b) {
                     b.policy("run", Err(format!("could not run: {e}")));
