@@ -60,6 +60,8 @@ quick! {
     airlight_1e_6: "airlight-h1e-6-s0-g0", 0.1;
     airlight_s10: "airlight-h1e-3-s10-g0.5", 0.1;
     light_on_ray: "light-on-ray", 0.1;
+    shadow_edge: "shadow-edge-0", 0.1;
+    index_of_a_lit_slab: "ior-1.5", 0.1;
     point_irradiance_near: "point-irradiance-s1-r1e-4", 0.1;
     point_irradiance_dark: "point-irradiance-s100-r1", 0.1;
     linear_density: "T-linear-density-00", 0.1;
@@ -95,11 +97,11 @@ fn unknown_cases_are_refused_and_missing_features_listed() {
     let nothing = StressOptions { case: Some("benihn".into()), ..Default::default() };
     let e = run(&nothing, &mut |_| {}).unwrap_err();
     assert!(e.to_string().contains("did you mean `benign`"), "{e}");
-    let rows = quick_any("ior-1.5");
+    let rows = quick_any("T-linear-density-04");
     let missing: Vec<&StressRow> = rows.iter().filter(|r| r.verdict == Verdict::NotYet).collect();
     assert!(rows.len() > missing.len() && !missing.is_empty());
     let json = serde_json::to_value(missing[0]).unwrap();
-    assert!(json["value"].is_null() && json["verdict"] == "not-yet" && json["case"] == "ior-1.5");
+    assert!(json["value"].is_null() && json["verdict"] == "not-yet" && json["case"] == "T-linear-density-04");
 }
 
 fn quick_any(case: &str) -> Vec<StressRow> {
