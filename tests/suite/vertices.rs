@@ -357,10 +357,18 @@ fn transforms_in_fog_are_sums_over_vertices() {
     let all = ["mesh.vertices", "x", "a", "s"];
     let both =
         |sc: &Scene, params: &ParamSet, slots: &[f64]| [sums(sc, params, slots), params.pull_back(slots)].concat();
-    let exact = &by_seed(&text, &all, 1, 64, &both)[0];
+    // But for second vertices that keep to their direction (`First::beside`): what their face's matter would do at the first vertex, off the face, a transform says otherwise than
+    // three corners do, unless it only shifts. Either way the mean is the same.
+    let runs = by_seed(&text, &all, 48, 64, &both);
     for k in 0..3 {
-        let (a, b) = (exact[k], exact[k + 3]);
-        assert!((a - b).abs() <= 1e-9 * a.abs(), "{}: {a} {b}", names[k]);
+        let own: Moments = runs.iter().map(|r| r[k]).collect();
+        let d: Moments = runs.iter().map(|r| r[k] - r[k + 3]).collect();
+        if k == 0 {
+            assert!(d.mean.abs() <= 1e-9 * own.mean.abs(), "{d:?} {own:?}");
+        } else {
+            let (error, least) = (d.standard_error(), 0.01 * own.mean.abs());
+            assert!(d.mean.abs() <= 4.5 * error && error < least, "{}: {d:?} {own:?}", names[k]);
+        }
     }
     // One by one: the same paths where nothing but velocities differs, so that pairs are compared.
     let ours = by_seed(&text, &["mesh.vertices"], 32, 1 << 10, &sums);
