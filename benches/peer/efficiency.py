@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Efficiency = 1 / (variance of a sample x CPU seconds of a sample), ours and Mitsuba's in turn on one core.
 
-    venv/bin/python benches/peer/efficiency.py [fog] [fire] [room] [--rounds 4]      (venv and libllvm19 as for pictures.py)
+    venv/bin/python benches/peer/efficiency.py [fog] [fire] [room] [glass] [--rounds 4]      (venv and libllvm19 as for pictures.py)
 
 One round: we render, they render. CPU seconds are user time; theirs leave out the compilation of kernels, ours start-up and
 loading (one run of one sample measures them), so both count rendering alone. Means of variance have heavy tails beside a point
@@ -39,8 +39,8 @@ def main():
     for name in o.scenes:
         mine = peer = ours.ROOT / f"benches/peer/scenes/{name}.xml"
         define = {"res": str(RES)}
-        if name == "fire":
-            mine, peer = assets.fire_scenes(RES)
+        if name in ("fire", "glass"):
+            mine, peer = (assets.fire_scenes if name == "fire" else assets.glass_scenes)(RES)
             define = {}
         scene = mi.load_file(str(peer), **define)
         np.array(mi.render(scene, spp=SPP, seed=999))

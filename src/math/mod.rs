@@ -1,5 +1,6 @@
 //! Numbers: dual numbers, random streams, warps, colours, black bodies, statistics, nearest points. Imports glam only.
 
+pub mod ball_ways;
 pub mod blackbody;
 pub mod discrete;
 pub mod equiangular;

@@ -53,21 +53,23 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
     if scene.surfaces.iter().any(Surface::is_smooth) {
         for (l, part) in scene.lights.iter().zip(&parts.lights) {
             let beam = matches!(l.kind, LightKind::Beam { .. });
-            let followed = |s: &&super::Instance| !scene.surfaces[s.surface as usize].is_smooth() || is_flat(&s.shape);
+            let all_of_ball = scene.shows_all_light_of_a_ball();
+            let known = |s: &Shape| is_flat(s) || all_of_ball && matches!(s, Shape::Sphere(_));
+            let followed = |s: &&super::Instance| !scene.surfaces[s.surface as usize].is_smooth() || known(&s.shape);
             if let Some(s) = scene.shapes.iter().find(|s| beam && !followed(s)) {
                 found.push(warning(
                     WarningKind::LightBehindGlass,
                     &part.span,
-                    format!("what beam `{}` sends by way of `{}` is not in the picture yet", l.name, s.name),
-                    "beams are followed at rectangles, disks and cubes".into(),
+                    format!("of what beam `{}` sends by way of `{}` not all is in the picture yet", l.name, s.name),
+                    "beams are followed at rectangles, disks and cubes, and by one ball".into(),
                 ));
             }
-            if l.is_delta() && !scene.shows_all_delta_light() {
+            if l.is_delta() && !scene.shows_all_delta_light() && !all_of_ball {
                 found.push(warning(
                     WarningKind::LightBehindGlass,
                     &part.span,
                     format!(
-                        "of what light `{}` sends by way of glass or mirrors, only what meets one flat face on its way is in the picture yet",
+                        "of what light `{}` sends by way of glass or mirrors, only what meets one flat face, or one ball, on its way is in the picture yet",
                         l.name
                     ),
                     "such light has to be connected by way of the interfaces; a small area light shows it, with noise"

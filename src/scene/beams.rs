@@ -42,6 +42,10 @@ const WAYS: usize = 1024;
 const GAIN: f64 = 1e-8;
 /// A Gaussian beam ends at so many radii: e^-72.
 const GAUSSIAN: f64 = 6.0;
+/// Deviations (half a radius each) to either side within which points are drawn in it.
+const TAILS: f64 = 3.0;
+/// Ways that bring a smaller share of the beam's irradiance are asked for more rarely.
+const WEAK: f64 = 0.1;
 
 impl Way {
     /// A point on the line through the beam's own plane that leads to `x`, as if nothing of the line could lie behind a plane.
@@ -80,6 +84,71 @@ impl Way {
         let LightKind::Beam { position, direction, .. } = scene.lights[self.light as usize].kind else { return None };
         let t = (p - position).dot(direction);
         (t >= 0.0).then(|| p - direction * t)
+    }
+}
+
+/// Where a line runs in a beam: abscissae from the first to the last, within which points are drawn evenly.
+#[derive(Clone, Copy, Debug)]
+pub struct Tube {
+    pub from: f64,
+    pub to: f64,
+    /// Probability with which anything is drawn there at all.
+    pub asked: f64,
+}
+
+impl Tube {
+    /// Per length.
+    pub fn density(&self, t: f64) -> f64 {
+        if self.from <= t && t <= self.to { self.asked / (self.to - self.from) } else { 0.0 }
+    }
+
+    pub fn sample(&self, u: f64) -> f64 {
+        self.from + u * (self.to - self.from)
+    }
+}
+
+impl Way {
+    /// Where on `o + t w`, t in [t0, t1], light of the beam arrives by this way, if nothing stands in it. Everything on the way is affine in t ([T] 6.2 for planes), so a plane that must
+    /// be ahead bounds t from one side, and the distance from the beam's axis is the root of a quadratic. A Gaussian's tube ends at [`TAILS`] deviations along the line.
+    pub fn tube(&self, scene: &Scene, o: DVec3, w: DVec3, t0: f64, t1: f64) -> Option<Tube> {
+        let LightKind::Beam { position, direction, radius, gaussian } = scene.lights[self.light as usize].kind else {
+            return None;
+        };
+        let (mut from, mut to) = (t0, t1);
+        // `a + b t >= 0`.
+        let mut ahead = |a: f64, b: f64| {
+            if b > 0.0 {
+                from = from.max(-a / b);
+            } else if b < 0.0 {
+                to = to.min(-a / b);
+            } else if a < 0.0 {
+                to = f64::NEG_INFINITY;
+            }
+        };
+        let (mut p, mut v, mut light) = (o, w, self.w);
+        for s in self.steps.iter().rev() {
+            let c = light.dot(s.n);
+            let (a, b) = ((p - s.p).dot(s.n) / c, v.dot(s.n) / c);
+            ahead(a, b);
+            (p, v, light) = (p - light * a, v - light * b, s.before);
+        }
+        ahead((p - position).dot(direction), v.dot(direction));
+        let across = |x: DVec3| x - direction * x.dot(direction);
+        let (m, v) = (across(p - position), across(v));
+        let speed = v.length();
+        let closest = -m.dot(v) / (speed * speed);
+        let reach = radius * if gaussian { GAUSSIAN } else { 1.0 };
+        // Along the beam nothing but where it begins and ends bounds it.
+        let (least, half) = if speed > 1e-12 { ((m + v * closest).length(), 0.0) } else { (m.length(), f64::INFINITY) };
+        if least >= reach {
+            return None;
+        }
+        if half == 0.0 {
+            let half = if gaussian { TAILS * 0.5 * radius } else { (reach * reach - least * least).sqrt() } / speed;
+            (from, to) = (from.max(closest - half), to.min(closest + half));
+        }
+        let asked = (self.gain.max() / WEAK).min(1.0);
+        (to - from > 0.0 && to < f64::INFINITY).then_some(Tube { from, to, asked })
     }
 }
 

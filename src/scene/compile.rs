@@ -134,12 +134,14 @@ impl Scene {
             embedded: Discrete::default(),
             beams: Beams::default(),
             panes: Vec::new(),
+            balls: Vec::new(),
             bright: Bright::default(),
         };
         let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();
         scene.prepare_lights(&named);
         scene.prepare_beams();
         scene.prepare_panes();
+        scene.prepare_balls();
         scene.prepare_bright();
         if can_move(desc, &scene)? {
             scene.prepare_motion();

@@ -152,7 +152,16 @@ impl Scene {
 
     /// Whether anything competes with the free flight, whose density must then be known.
     pub fn weighs_flights(&self) -> bool {
-        self.has_local_lights() || self.has_embedded_lights()
+        self.has_local_lights() || self.has_embedded_lights() || self.has_beams()
+    }
+
+    /// Whether connections draw points of their own on every span of a medium.
+    pub fn draws_on_spans(&self) -> bool {
+        self.has_local_lights() || self.has_beams()
+    }
+
+    pub fn has_beams(&self) -> bool {
+        !self.beams.ways.is_empty()
     }
 
     /// Light from `id` at `p`; area lights are sampled here.

@@ -2,6 +2,7 @@
 
 pub mod advice;
 pub mod arrays;
+pub mod balls;
 pub mod beams;
 pub mod bright;
 pub mod compile;
@@ -181,6 +182,8 @@ pub struct Scene {
     pub local: Discrete,
     /// Ways of collimated beams.
     pub beams: beams::Beams,
+    /// Smooth balls by which lights without extent are connected to.
+    pub balls: Vec<balls::BallOf>,
     /// Flat glass and mirrors beside lights without extent.
     pub panes: Vec<panes::Pane>,
     /// Of every light that stands in a medium, for the light-centred one.

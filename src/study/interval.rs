@@ -135,18 +135,28 @@ pub fn widest(
     let mut noise = 0.0f64;
     for k in 0..STEPS {
         let d = Difference::plain(at, side, first * 0.5f64.powi(k))?;
-        let mut rounds = Rounds::default();
+        let mut halves = [Rounds::default(), Rounds::default()];
         for r in 0..ROUNDS {
-            rounds.push(&blocks.means(&d.round(view, spp, stream(seed, 3, r), h)?[0]), spp as f64);
+            let means = blocks.means(&d.round(view, spp, stream(seed, 3, r), h)?[0]);
+            halves[(r % 2) as usize].push(&means, spp as f64);
         }
         // Noise does not fall with the step: where it seems to, its rare part was not met.
-        noise = noise.max(rounds.mean_variance().sqrt());
-        let square = mean(rounds.mean.iter().map(|x| x * x)) - rounds.mean_variance();
+        noise = noise.max((0.25 * halves.iter().map(Rounds::mean_variance).sum::<f64>()).sqrt());
         rungs.push(Rung { step: d.step, noise, bias: 0.0, visible_bias: 0.0, chosen: false });
+        let square = surely(halves[0].mean.iter().zip(&halves[1].mean).map(|(a, b)| a * b));
         relative.push(if square > 0.0 { noise / square.sqrt() } else { f64::INFINITY });
     }
     let least = relative.iter().copied().fold(f64::INFINITY, f64::min);
     let chosen = relative.iter().rposition(|r| *r <= NEAR * least).filter(|_| least.is_finite()).unwrap_or(0);
     rungs[chosen].chosen = true;
     Ok(Some((rungs[chosen].step, rungs)))
+}
+
+/// A mean over pixels less two of its standard errors: products of two independent estimates have no bias, but steps so small that noise is all they have would do well by chance.
+fn surely(products: impl Iterator<Item = f64> + Clone) -> f64 {
+    let n = products.clone().count() as f64;
+    let m = mean(products.clone());
+    // The three channels of a pixel are hardly independent.
+    let variance = mean(products.map(|x| (x - m) * (x - m))) / (n / 3.0 - 1.0).max(1.0);
+    m - 2.0 * variance.sqrt()
 }

@@ -1,11 +1,14 @@
-//! Connections to collimated beams, straight and by way of flat mirrors and interfaces ([T] (30), 6.2): at every vertex, each way of each beam that reaches it. Nothing is drawn.
+//! Connections to collimated beams, straight and by way of flat mirrors and interfaces ([T] (30), 6.2): at every vertex, each way of each beam that reaches it; in media, also at points of every
+//! span that are drawn within the beam ([`crate::scene::beams::Tube`]), weighed against the free flight by the balance heuristic.
 
-use super::record::{End, Event, MediumSpan, Recorder};
+use super::line::Part;
+use super::record::{Drawn, End, Event, MediumSpan, Recorder};
 use super::vertex::{Toward, Vertex};
-use super::walk::{State, Walker};
+use super::walk::{Flight, State, Walker};
 use super::{specular, transmit};
 use crate::light::{Emission, LightKind, beam_profile};
 use crate::math::{DVec3, Rgb};
+use crate::phase::one_minus_cos;
 use crate::scene::beams::Way;
 use crate::scene::{March, On, Scene};
 
@@ -23,9 +26,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let scene = w.scene;
     let mut points = Vec::new();
     for (id, way) in scene.beams.ways.iter().enumerate() {
-        let order = s.depth + way.steps.len() as u32;
-        // The vertex counts already; every interface on the way is one more.
-        if order > s.depth && !w.may_scatter(order) {
+        if !may_take(w, way, s.depth) {
             continue;
         }
         let toward = -way.w;
@@ -44,28 +45,100 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             w.rec.side_truncate(first);
             continue;
         };
-        let weight = s.beta / s.r.mean() * lobe.tint * t * lobe.f;
-        if order < w.set.min_order {
-            w.rec.side_truncate(first);
-            continue;
-        }
-        let value = weight * emission.color();
-        w.value += value;
-        w.rec.score(order, value);
-        if R::ON {
-            let (end, spans) = (End::Beam(id as u32), w.rec.side_len() - first);
-            w.rec.push(Event::Connect {
-                weight,
-                emission,
-                end,
-                first_span: first,
-                spans,
-                phase: [phase, None],
-                via: None,
-            });
+        let weight = s.beta / s.r.mean() * lobe.tint * t * (lobe.f * flight_share(scene, way, &s.flight, s.o));
+        if let Some(value) = score(w, (id, weight, emission), s.depth, first, [phase, None], None) {
             vertex.scored(w.rec, toward, value);
         }
     }
+}
+
+/// Whether the way's interfaces still count behind so many scatterings.
+fn may_take<R: Recorder>(w: &Walker<R>, way: &Way, depth: u32) -> bool {
+    way.steps.is_empty() || w.may_scatter(depth + way.steps.len() as u32)
+}
+
+/// What the free flight has of a connection by the way ([T] (61)): points are drawn in the beam, too.
+fn flight_share(scene: &Scene, way: &Way, flight: &Flight, p: DVec3) -> f64 {
+    let Some(span) = &flight.span else { return 1.0 };
+    let tube = way.tube(scene, span.o, span.w, span.t0, span.t1);
+    let drawn = tube.map_or(0.0, |tube| tube.density((p - span.o).dot(span.w)));
+    if flight.density > 0.0 { flight.density / (flight.density + drawn) } else { 0.0 }
+}
+
+/// The extra connections of a medium span: a point of it within each beam, by each way. Free flights seldom end in narrow ones. `prefix` is the weight at the span's start, `lead` what a
+/// camera line has crossed before it, `flight_density` the competing density per length.
+pub fn on_span<R: Recorder>(
+    w: &mut Walker<R>,
+    s: &mut State,
+    span: &MediumSpan,
+    prefix: Rgb,
+    lead: Option<&[Part]>,
+    flight_density: impl Fn(&Scene, f64) -> f64,
+) {
+    let scene = w.scene;
+    let medium = &scene.media[span.medium as usize];
+    let mut points = Vec::new();
+    for (id, way) in scene.beams.ways.iter().enumerate() {
+        if !may_take(w, way, s.depth + 1) {
+            continue;
+        }
+        let Some(tube) = way.tube(scene, span.o, span.w, span.t0, span.t1) else { continue };
+        if tube.asked < 1.0 && s.rng.uniform() >= tube.asked {
+            continue;
+        }
+        let t = tube.sample(s.rng.uniform());
+        let p = span.o + span.w * t;
+        let (_, sigma_s) = medium.coefficients(p);
+        let m = one_minus_cos(span.w, -way.w);
+        let f = medium.phase.eval(m);
+        if f <= 0.0 || sigma_s.is_zero() && !R::ON {
+            continue;
+        }
+        let Some(emission) = emission(scene, way, p, &mut points) else { continue };
+        let first = w.rec.side_len();
+        let part = span.until(t);
+        if R::ON {
+            lead.into_iter().flatten().for_each(|q| w.rec.side_span(q.span));
+            w.rec.side_span(part);
+        }
+        let via = Drawn { medium: span.medium, p, sigma: sigma_s, span: *span, lead: w.rec.side_len() - first };
+        let start = (p, On::default(), Some(span.medium));
+        let Some(clear) = clear(scene, way, &points, start, &mut |span| {
+            if R::ON {
+                w.rec.side_span(span);
+            }
+        }) else {
+            w.rec.side_truncate(first);
+            continue;
+        };
+        let density = tube.density(t) + flight_density(scene, t);
+        let weight = prefix * transmit::one_span(scene, &part) * clear * (f / density);
+        score(w, (id, weight, emission), s.depth + 1, first, [Some((span.medium, m)), None], Some(via));
+    }
+}
+
+/// `depth`: scatterings up to the vertex; the way's interfaces are more. Returns what it adds.
+fn score<R: Recorder>(
+    w: &mut Walker<R>,
+    (id, weight, emission): (usize, Rgb, Emission),
+    depth: u32,
+    first: u32,
+    phase: [Option<(u32, f64)>; 2],
+    via: Option<Drawn>,
+) -> Option<Rgb> {
+    let order = depth + w.scene.beams.ways[id].steps.len() as u32;
+    if order < w.set.min_order {
+        w.rec.side_truncate(first);
+        return None;
+    }
+    let value = weight * via.map_or(Rgb::ONE, |d| d.sigma) * emission.color();
+    w.value += value;
+    w.rec.score(order, value);
+    if R::ON {
+        let (end, spans) = (End::Beam(id as u32), w.rec.side_len() - first);
+        w.rec.push(Event::Connect { weight, emission, end, first_span: first, spans, phase, via });
+    }
+    Some(value)
 }
 
 /// Transmittance of the way back from a point, whose faces and medium are given; `None` where something else stands on it.

@@ -10,7 +10,7 @@ use super::poles::Poles;
 use super::record::{Event, MediumSpan, Recorder};
 use super::tracking::{self, Forced};
 use super::walk::{Flight, Stage, State, Walker};
-use super::{connect, glow};
+use super::{beam, connect, glow};
 use crate::math::Rgb;
 use crate::medium::Volume;
 use crate::scene::{Hit, March, On, Scene};
@@ -139,14 +139,17 @@ fn side_estimates<R: Recorder>(
     if before.is_zero() {
         return;
     }
-    if R::CONNECTS && w.scene.has_local_lights() {
+    if R::CONNECTS && w.scene.draws_on_spans() {
         chain(w, s);
-        let first = w.rec.side_len();
-        if R::ON {
-            lead.iter().for_each(|q| w.rec.side_span(q.span));
-        }
         let density = |scene: &Scene, t: f64| piece.forced_density(scene, total, t).mean() * share.scatter;
-        connect::equiangular(w, s, piece.span, prefix * before, s.depth, first, density, None);
+        if w.scene.has_local_lights() {
+            let first = w.rec.side_len();
+            if R::ON {
+                lead.iter().for_each(|q| w.rec.side_span(q.span));
+            }
+            connect::equiangular(w, s, piece.span, prefix * before, s.depth, first, density, None);
+        }
+        beam::on_span(w, s, &piece.span, prefix * before, Some(lead), density);
     }
     if let Some(rng) = w.rec.candidate_rng() {
         let m = &w.scene.media[piece.span.medium as usize];

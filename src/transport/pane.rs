@@ -16,7 +16,7 @@ use super::pane_motion::PaneAim;
 use super::record::{End, Event, Recorder};
 use super::vertex::{Toward, Vertex};
 use super::walk::{State, Walker};
-use crate::light::Light;
+use crate::light::{Emission, Light};
 use crate::math::fresnel::{self, Interface};
 use crate::math::{DVec3, Real, Rgb, V3};
 use crate::scene::Scene;
@@ -189,43 +189,60 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             let Some(r) = Origin::of(light).and_then(|f| reach(surface, pane, f, V3::constant(s.o))) else { continue };
             let [at, before, behind] = [r.at, r.before, r.behind].map(V3::value);
             let gain = Rgb::from_fn(|c| r.gain[c]);
-            let Toward { lobe, phase } = vertex.toward(scene, s, -behind);
             // The light's own profile, toward the face.
-            let Some(emission) = light.sample(at, 0.0, 0.0).map(|a| a.emission).filter(|_| lobe.f > 0.0) else {
-                continue;
-            };
+            let Some(emission) = light.sample(at, 0.0, 0.0).map(|a| a.emission) else { continue };
             let step =
                 Step { shape: pane.shape, face: pane.face, p: pane.p, n: pane.n, before, behind, through: r.through };
             let way = Way { light: id as u32, steps: vec![step], w: behind, gain };
-            let (on, medium) = vertex.start(s, -behind);
-            let first = w.rec.side_len();
-            let clear = beam::clear(scene, &way, &[at], (s.o, on, medium), &mut |span| {
-                if R::ON {
-                    w.rec.side_span(span);
-                }
-            });
-            let Some(t) = clear else {
-                w.rec.side_truncate(first);
-                continue;
-            };
-            let weight = s.beta / s.r.mean() * lobe.tint * t * gain * lobe.f;
-            let value = weight * emission.color();
-            w.value += value;
-            w.rec.score(order, value);
-            if R::ON {
-                let end = if light.center().is_some() { End::Point(id as u32) } else { End::Infinity(-before) };
-                let spans = w.rec.side_len() - first;
-                let phase = [phase, None];
-                w.rec.push(Event::Connect { weight, emission, end, first_span: first, spans, phase, via: None });
-                if w.rec.follows(id as u32).is_some_and(|bit| s.left & bit == 0) {
-                    let (light, pane, turn) = (id as u32, k as u32, vertex.turn(s));
-                    let aim = PaneAim { light, pane, x: s.o, on, medium, turn, rng: s.aside };
-                    w.rec.push(Event::PaneAim { aim, value });
-                }
-                vertex.scored(w.rec, -behind, value);
+            let end = if light.center().is_some() { End::Point(id as u32) } else { End::Infinity(-before) };
+            let Some(value) = score(w, s, vertex, &Found { way: &way, points: &[at], emission, end }) else { continue };
+            if R::ON && w.rec.follows(id as u32).is_some_and(|bit| s.left & bit == 0) {
+                let (light, pane, turn) = (id as u32, k as u32, vertex.turn(s));
+                let (on, medium) = vertex.start(s, -behind);
+                let aim = PaneAim { light, pane, x: s.o, on, medium, turn, rng: s.aside };
+                w.rec.push(Event::PaneAim { aim, value });
             }
         }
     }
+}
+
+/// A way from a light to a vertex by smooth surfaces, its points from the last one to the first; its gain is all that the way makes of the light.
+pub(super) struct Found<'a> {
+    pub way: &'a Way,
+    pub points: &'a [DVec3],
+    pub emission: Emission,
+    pub end: End,
+}
+
+/// Score it, if nothing stands on it. Returns what it adds.
+pub(super) fn score<R: Recorder>(w: &mut Walker<R>, s: &State, vertex: &Vertex, f: &Found) -> Option<Rgb> {
+    let (scene, toward) = (w.scene, -f.way.w);
+    let Toward { lobe, phase } = vertex.toward(scene, s, toward);
+    if lobe.f <= 0.0 {
+        return None;
+    }
+    let (on, medium) = vertex.start(s, toward);
+    let first = w.rec.side_len();
+    let clear = beam::clear(scene, f.way, f.points, (s.o, on, medium), &mut |span| {
+        if R::ON {
+            w.rec.side_span(span);
+        }
+    });
+    let Some(t) = clear else {
+        w.rec.side_truncate(first);
+        return None;
+    };
+    let weight = s.beta / s.r.mean() * lobe.tint * t * f.way.gain * lobe.f;
+    let value = weight * f.emission.color();
+    w.value += value;
+    w.rec.score(s.depth + f.way.steps.len() as u32, value);
+    if R::ON {
+        let (spans, phase) = (w.rec.side_len() - first, [phase, None]);
+        let Found { emission, end, .. } = *f;
+        w.rec.push(Event::Connect { weight, emission, end, first_span: first, spans, phase, via: None });
+        vertex.scored(w.rec, toward, value);
+    }
+    Some(value)
 }
 
 #[cfg(test)]

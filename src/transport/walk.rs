@@ -14,7 +14,7 @@ use super::record::{End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use super::twin::{self, Twin};
 use super::vertex::{Facing, Vertex};
-use super::{beam, beside, camera_line, connect, glow, light_centred, pane, specular};
+use super::{ball, beam, beside, camera_line, connect, glow, light_centred, pane, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
@@ -249,7 +249,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return self.arrive(s, hit);
         };
         let medium = &scene.media[id as usize];
-        let connects = R::CONNECTS && scene.has_local_lights() && self.may_scatter(s.depth + 1);
+        let connects = R::CONNECTS && scene.draws_on_spans() && self.may_scatter(s.depth + 1);
         if !medium.is_homogeneous() || connects || s.in_a_row > 0 {
             // The whole span is needed: for the grid's traversal, for the equi-angular connection, or for how points behind an interface move.
             let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
@@ -259,7 +259,10 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 let prefix = s.beta / s.r.mean();
                 let (first, depth, reach) = (self.rec.side_len(), s.depth, s.reach());
                 let density = |_: &Scene, t: f64| tracking::flight_density(medium, &span, t);
-                connect::equiangular(self, s, span, prefix, depth, first, density, reach);
+                if scene.has_local_lights() {
+                    connect::equiangular(self, s, span, prefix, depth, first, density, reach);
+                }
+                beam::on_span(self, s, &span, prefix, None, density);
             }
             let (beta, r) = (s.beta, s.r);
             match tracking::fly(medium, &span, s) {
@@ -375,6 +378,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             connect::from_medium(self, s, id);
             beam::connect(self, s, &Vertex::Medium(id));
             pane::connect(self, s, &Vertex::Medium(id));
+            ball::connect(self, s, &Vertex::Medium(id));
             glow::connect(self, s, &Vertex::Medium(id));
         }
         s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);
@@ -487,6 +491,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             connect::from_surface(self, s, &facing);
             beam::connect(self, s, &vertex);
             pane::connect(self, s, &vertex);
+            ball::connect(self, s, &vertex);
             light_centred::connect(self, s, &vertex, twin.as_ref());
             glow::connect(self, s, &vertex);
         }

@@ -1,0 +1,99 @@
+//! Connections to point, spot, directional and collimated lights by a ball of glass or metal, with all its ways ([`crate::math::ball_ways`]): at every vertex, each such light by each ball.
+//! Nothing is drawn. Caustics are where the gain has no bound; it is integrable and never clamped.
+
+use super::pane::{self, Found};
+use super::record::{End, Recorder};
+use super::vertex::Vertex;
+use super::walk::{State, Walker};
+use crate::light::{Light, LightKind, beam_profile};
+use crate::math::ball_ways::BallWay;
+use crate::math::fresnel::conductor;
+use crate::math::{DVec3, Rgb};
+use crate::scene::Scene;
+use crate::scene::balls::BallOf;
+use crate::scene::beams::{Step, Way};
+use crate::surface::Surface;
+use smallvec::SmallVec;
+
+/// Where light comes from: a position, or a direction toward infinity.
+fn source(light: &Light) -> Option<(DVec3, bool)> {
+    match light.kind {
+        LightKind::Beam { direction, .. } => Some((-direction, true)),
+        _ => light.center().map(|p| (p, false)).or_else(|| light.single_direction().map(|w| (w, true))),
+    }
+}
+
+/// Score what all lights without extent, and all beams, bring to the vertex at `s.o` by one ball.
+pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
+    let scene: &Scene = w.scene;
+    let interfaces = w.set.max_depth.saturating_sub(s.depth + 1);
+    if scene.balls.is_empty() || interfaces == 0 {
+        return;
+    }
+    let mut found: SmallVec<[BallWay; 8]> = SmallVec::new();
+    for b in &scene.balls {
+        let surface = scene.surface_of(b.shape);
+        for (id, light) in scene.lights.iter().enumerate() {
+            let beam = matches!(light.kind, LightKind::Beam { .. });
+            let Some((from, far)) = source(light).filter(|_| light.is_delta() || beam) else { continue };
+            let local = if far { from } else { from - b.center };
+            b.ball.ways(local, far, s.o - b.center, interfaces, |way| found.push(way));
+            for way in found.drain(..) {
+                if s.depth + (way.points.len() as u32) < w.set.min_order {
+                    continue;
+                }
+                let Some((way, points)) = b.way(surface, id as u32, (from, far), &way, s.o) else { continue };
+                let Some(&first) = points.last() else { continue };
+                let Some(emission) = emission(light, first) else { continue };
+                let end = if far { End::Infinity(from) } else { End::Point(id as u32) };
+                pane::score(w, s, vertex, &Found { way: &way, points: &points, emission, end });
+            }
+        }
+    }
+}
+
+/// The light's own profile, toward the first point on the ball.
+fn emission(light: &Light, at: DVec3) -> Option<crate::light::Emission> {
+    let LightKind::Beam { position, direction, radius, gaussian } = light.kind else {
+        return light.sample(at, 0.0, 0.0).map(|a| a.emission);
+    };
+    let m = at - position;
+    let along = m.dot(direction);
+    let e = beam_profile((m - direction * along).length(), radius, gaussian);
+    (along >= 0.0 && e > 0.0).then(|| light.emission(Rgb::splat(e)))
+}
+
+impl BallOf {
+    /// As a beam's way to x, and its points from the last one to the first; `None` where nothing is left of the light.
+    fn way(
+        &self,
+        surface: &Surface,
+        light: u32,
+        (from, far): (DVec3, bool),
+        way: &BallWay,
+        x: DVec3,
+    ) -> Option<(Way, SmallVec<[DVec3; 4]>)> {
+        let at = |k: usize| self.center + way.points[k];
+        let n = way.points.len();
+        let start_inside = !far && (from - self.center).length() < self.ball.radius;
+        let mut gain = Rgb::splat(way.gain);
+        let mut before = if far { -from } else { (at(0) - from).normalize() };
+        let mut steps = Vec::with_capacity(n);
+        for k in 0..n {
+            let behind = if k + 1 < n { at(k + 1) - at(k) } else { x - at(k) }.normalize();
+            let c = way.cosines[k];
+            gain *= match surface {
+                Surface::Dielectric { .. } => Rgb::splat(self.ball.share(way, k, k == 0 && !start_inside)),
+                Surface::Conductor { eta, k, two_sided, .. } if !self.flipped || *two_sided => {
+                    Rgb::from_fn(|i| conductor(c, eta[i], k[i]))
+                }
+                _ => Rgb::ZERO,
+            };
+            let n = way.points[k] / self.ball.radius * if self.flipped { -1.0 } else { 1.0 };
+            steps.push(Step { shape: self.shape, face: 0, p: at(k), n, before, behind, through: way.through[k] });
+            before = behind;
+        }
+        let points = (0..n).rev().map(at).collect();
+        (!gain.is_zero() && gain.is_finite()).then_some((Way { light, steps, w: before, gain }, points))
+    }
+}
