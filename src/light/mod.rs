@@ -140,6 +140,10 @@ impl Light {
         matches!(self.kind, LightKind::Point { .. } | LightKind::Spot { .. } | LightKind::Directional { .. })
     }
 
+    pub fn is_at_infinity(&self) -> bool {
+        matches!(self.kind, LightKind::Directional { .. } | LightKind::Constant | LightKind::Envmap(_))
+    }
+
     /// The position that a 1/r^2 singularity sits at.
     pub fn center(&self) -> Option<DVec3> {
         match self.kind {

@@ -59,6 +59,15 @@ impl Glow {
         }
     }
 
+    /// An upper bound of `L_e`: of temperatures at their highest.
+    pub fn brightest(&self) -> f64 {
+        let most = self.volume.max();
+        match &self.heat {
+            None => most.max() * self.scale,
+            Some(heat) => blackbody::radiance(heat.kelvin(most[0])).0.max() * self.scale,
+        }
+    }
+
     /// `∇L_e` per channel, radiance/length.
     pub fn gradient(&self, p: DVec3) -> [DVec3; 3] {
         let by_value = self.volume.gradient(p);

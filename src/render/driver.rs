@@ -183,7 +183,7 @@ impl Job<'_> {
             Ok(Swept { sweep, borders, images, layers: split_layers })
         });
         let swept = swept.transpose()?;
-        let limbs = motion.filter(|_| swept.is_some()).and_then(|m| Limbs::new(scene, self.sensor, &m));
+        let limbs = motion.zip(swept.as_ref()).and_then(|(m, s)| Limbs::new(scene, self.sensor, &m, s.sweep.params));
         let mut layers = self.layers();
         layers.extend(self.term_layers("interior"));
         rooms.iter().flat_map(|r| &r.list).for_each(|r| layers.extend(self.term_layers(r.name())));

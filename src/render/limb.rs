@@ -10,8 +10,9 @@ use super::filter;
 use crate::math::discrete::Discrete;
 use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec2, DVec3, warp};
-use crate::scene::Scene;
+use crate::params::ParamSet;
 use crate::scene::parts::Filter;
+use crate::scene::{Instance, Scene};
 use crate::sensor::{Projection, Sensor};
 use crate::shape::Shape;
 use crate::term::Motion;
@@ -36,6 +37,8 @@ pub const LIMB_KEY: u64 = 1 << 62;
 struct Ball {
     c: DVec3,
     r: f64,
+    /// Of fog in it, across its middle: its light falls off toward the outline as fast as `exp(-depth cos θ)`; 0 where light falls off at once.
+    depth: f64,
     /// Probability of being chosen.
     share: f64,
 }
@@ -65,10 +68,7 @@ pub struct Limbs<'a> {
 
 impl<'a> Limbs<'a> {
     /// `None` where there are none.
-    pub fn new(scene: &'a Scene, sensor: usize, motion: &Motion) -> Option<Limbs<'a>> {
-        if !motion.surfaces() {
-            return None;
-        }
+    pub fn new(scene: &'a Scene, sensor: usize, motion: &Motion, params: &ParamSet) -> Option<Limbs<'a>> {
         let (film, sensor) = (&scene.films[sensor], &scene.sensors[sensor]);
         let (filter, even) = (film.part.filter, film.even);
         let margin = filter::radius(filter);
@@ -76,14 +76,19 @@ impl<'a> Limbs<'a> {
         let mut balls = Vec::new();
         for (i, s) in scene.shapes.iter().enumerate() {
             let Shape::Sphere(sphere) = &s.shape else { continue };
-            if !scene.is_null(s) && keep(i as u32) {
-                let ball = Ball { c: sphere.center, r: sphere.radius, share: 1.0 };
+            let depth = if scene.is_null(s) { fog_across(scene, s, sphere.radius) } else { Some(0.0) };
+            let moves = keep(i as u32) || scene.is_null(s) && s.moves(params);
+            if let Some(depth) = depth.filter(|_| moves) {
+                let ball = Ball { c: sphere.center, r: sphere.radius, depth, share: 1.0 };
                 let share = ball.seen(scene, sensor, i as u32, margin);
                 balls.push(Ball { share, ..ball });
             }
         }
         balls.retain(|b| b.share > 0.0);
-        let mut strips = Strips::new(scene, sensor, motion, margin, keep);
+        let mut strips = match motion.surfaces() {
+            true => Strips::new(scene, sensor, motion, margin, keep),
+            false => Strips::default(),
+        };
         // Shares are areas so far.
         let areas: Vec<f64> = balls.iter().map(|b| b.share).chain(strips.list.iter().map(|s| s.share)).collect();
         let total: f64 = areas.iter().sum();
@@ -157,6 +162,13 @@ impl<'a> Limbs<'a> {
     }
 }
 
+/// Optical depth across the middle of a border of fog; `None` where it is none. Of grids, that of their extent counts by itself.
+fn fog_across(scene: &Scene, s: &Instance, radius: f64) -> Option<f64> {
+    let medium = s.interior.filter(|_| s.boundary && s.interior != s.exterior)?;
+    let m = &scene.media[medium as usize];
+    m.is_homogeneous().then(|| 2.0 * radius * m.sigma_t.max()).filter(|d| *d > 0.0)
+}
+
 /// The point of an edge's line that a ray passes.
 fn beside([a, b]: [DVec3; 2], o: DVec3, w: DVec3) -> DVec3 {
     // Across the ray: nearest to it on the line.
@@ -167,9 +179,22 @@ fn beside([a, b]: [DVec3; 2], o: DVec3, w: DVec3) -> DVec3 {
 }
 
 impl Ball {
-    /// cos θ is uniform, and so is the angle around the sphere's centre.
+    /// cos θ at u in [0, 1): uniform, in fog every other time with the density `~ exp(-depth cos θ)`.
+    fn cosine(&self, u: f64) -> f64 {
+        if self.depth == 0.0 {
+            return 1.0 - u;
+        }
+        if u < 0.5 { 1.0 - 2.0 * u } else { -((2.0 * u - 1.0) * (-self.depth).exp_m1()).ln_1p() / self.depth }
+    }
+
+    fn cosine_density(&self, cos: f64) -> f64 {
+        let d = self.depth;
+        if d == 0.0 { 1.0 } else { 0.5 - 0.5 * d * (-d * cos).exp() / (-d).exp_m1() }
+    }
+
+    /// The angle around the sphere's centre is uniform.
     fn sample(&self, sensor: &Sensor, rng: &mut Rng) -> Option<[f64; 2]> {
-        let (cos, v) = (1.0 - rng.uniform(), rng.uniform());
+        let (cos, v) = (self.cosine(rng.uniform()), rng.uniform());
         let b = self.r * ((1.0 - cos) * (1.0 + cos)).sqrt();
         let (sin_phi, cos_phi) = (2.0 * PI * v).sin_cos();
         let o = sensor.to_world.translation;
@@ -207,7 +232,8 @@ impl Ball {
         let per_area = match sensor.projection {
             Projection::Perspective { .. } => to.length() / along,
             Projection::Orthographic => 1.0,
-        } / (2.0 * PI * self.r * self.r * cos);
+        } * self.cosine_density(cos)
+            / (2.0 * PI * self.r * self.r * cos);
         per_area / q.pixels_per_area
     }
 
@@ -217,8 +243,17 @@ impl Ball {
             let key = LIMB_KEY | u64::from(shape);
             let film = self.sample(sensor, &mut Rng::keyed(0, Purpose::Pilot as u64, key, u64::from(i)))?;
             let (o, w) = sensor.ray(film[0], film[1]);
-            let first = scene.opaque_past(o, w, f64::INFINITY, &[]).filter(|_| sensor.shows(film, margin))?;
-            (first.shape == shape).then(|| 1.0 / self.density(sensor, film))
+            if !sensor.shows(film, margin) {
+                return None;
+            }
+            let first = scene.opaque_past(o, w, f64::INFINITY, &[]);
+            let seen = if scene.is_null(&scene.shapes[shape as usize]) {
+                // Fog that ends before what is behind it.
+                first.is_none_or(|h| h.t >= (self.c - o).dot(w))
+            } else {
+                first.is_some_and(|h| h.shape == shape)
+            };
+            seen.then(|| 1.0 / self.density(sensor, film))
         };
         (0..PROBES[0]).filter_map(area).filter(|a| a.is_finite()).sum::<f64>() / f64::from(PROBES[0])
     }
@@ -246,6 +281,7 @@ impl Strip {
 }
 
 /// Strips, and which of them reach the cells of a grid over the film.
+#[derive(Default)]
 struct Strips {
     list: Vec<Strip>,
     half_width: f64,

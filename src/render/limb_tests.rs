@@ -28,7 +28,7 @@ fn with(sensor: &str, test: impl Fn(&Limbs)) {
     let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap();
     let params = scene.param_set(&desc, &["x".to_string()]).unwrap();
     let motion = Motion::new(&scene, &scene.sensors[0], &params).unwrap();
-    test(&Limbs::new(&scene, 0, &motion).unwrap());
+    test(&Limbs::new(&scene, 0, &motion, &params).unwrap());
 }
 
 /// Of film points, per pixel².
@@ -100,7 +100,7 @@ fn beside_a_block(s: f64, rest: &str, precision: f64) -> usize {
     let params = scene.param_set(&desc, &["x".to_string(), "s".to_string()]).unwrap();
     let sensor = &scene.sensors[0];
     let motion = Motion::new(&scene, sensor, &params).unwrap();
-    let limbs = Limbs::new(&scene, 0, &motion).unwrap();
+    let limbs = Limbs::new(&scene, 0, &motion, &params).unwrap();
     let facts = Arc::new(SweepFacts::of(&scene, sensor, &params).unwrap());
     let sweep = Sweep { scene: &scene, set: &scene.settings, params: &params, facts, sensor };
     let (mut rec, mut tally) = (PathRecord::new(), Tally::default());

@@ -135,9 +135,11 @@ impl Scene {
             beams: Beams::default(),
             panes: Vec::new(),
             balls: Vec::new(),
+            sheltered: Vec::new(),
             bright: Bright::default(),
         };
         let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();
+        scene.prepare_shelters();
         scene.prepare_lights(&named);
         scene.prepare_beams();
         scene.prepare_panes();

@@ -51,6 +51,27 @@ impl Scene {
         self.local = local;
     }
 
+    /// Tell the media that lie in closed shapes of glass, as milk in a bottle: every way out of them turns, so that no connection to a light at infinity can succeed.
+    pub(super) fn prepare_shelters(&mut self) {
+        let closed = |s: &super::Instance| s.shape.is_closed() && !self.is_null(s);
+        let sheltered = |m: u32| {
+            let mut walls =
+                self.shapes.iter().filter(|s| s.boundary && [s.interior, s.exterior].contains(&Some(m))).peekable();
+            walls.peek().is_some() && walls.all(|s| s.interior == Some(m) && s.exterior != Some(m) && closed(s))
+        };
+        self.sheltered = (0..self.media.len() as u32).map(sheltered).collect();
+    }
+
+    /// Whether a connection from a point of the medium to the light is known to fail.
+    pub fn shelters_from(&self, medium: u32, light: u32) -> bool {
+        self.sheltered[medium as usize] && self.lights[light as usize].is_at_infinity()
+    }
+
+    /// Whether that is so of all lights.
+    pub fn shelters_from_all(&self, medium: u32) -> bool {
+        self.sheltered[medium as usize] && self.lights.iter().all(|l| l.is_at_infinity() || !l.wants_connection())
+    }
+
     /// What every light gives, roughly: power in the units of radiance x area.
     pub(super) fn light_power(&self) -> Vec<f64> {
         let radius = self.bounds.radius();
@@ -70,7 +91,8 @@ impl Scene {
             LightKind::Directional { .. } | LightKind::Beam { .. } => l.value.max(),
             LightKind::Point { .. } | LightKind::Spot { .. } => l.value.max() / (radius * radius),
         };
-        let b = self.lights.iter().map(light).fold(0.0, f64::max);
+        let media = self.media.iter().filter_map(|m| m.emission.as_ref()).map(|e| e.brightest());
+        let b = self.lights.iter().map(light).chain(media).fold(0.0, f64::max);
         if b.is_finite() { b } else { 0.0 }
     }
 

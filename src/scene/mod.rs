@@ -184,6 +184,8 @@ pub struct Scene {
     pub beams: beams::Beams,
     /// Smooth balls by which lights without extent are connected to.
     pub balls: Vec<balls::BallOf>,
+    /// Media that no light from infinity falls into straight: by medium.
+    pub sheltered: Vec<bool>,
     /// Flat glass and mirrors beside lights without extent.
     pub panes: Vec<panes::Pane>,
     /// Of every light that stands in a medium, for the light-centred one.

@@ -163,7 +163,20 @@ pub fn transmittance(b: &mut Bench) -> Result<()> {
         b.judge("T_diff", &m, 0, Check::new(Known::exact(diffuse_transmittance(tau)), 1e-4));
         b.judge("T_diff:d_scale", &m, 1, Check::new(Known::exact(slope), 1e-4));
     }
-    b.not_yet("T:d_L", "no scene of this suite yet: a border that moves through a grid");
+    by_length(b, c, Slab { moves: true, ..s }, &text, tolerance)
+}
+
+/// The border behind moves through the grid, `dT/dL = -σ(L) T`; where the closed form knows a length.
+fn by_length(b: &mut Bench, c: &ClosedForm, s: Slab, medium: &str, tolerance: f64) -> Result<()> {
+    let known = c.derivative("L");
+    if known.value.is_nan() {
+        return Ok(());
+    }
+    let subject = Subject::new(&s.text_with(View::T(1.0), medium), &["half"])?;
+    let m = b.measure(&subject, &[vec![0.0, 0.5]], 1 << 10)?;
+    // What underflows beside the value is nothing.
+    let tolerance = (tolerance * known.value.abs()).max(1e-12 * c.value);
+    b.judge("T:d_L", &m, 0, Check { tolerance, ..Check::new(known, 0.0) });
     Ok(())
 }
 

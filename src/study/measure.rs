@@ -34,13 +34,15 @@ pub struct Subject {
     pub desc: SceneDesc,
     pub scene: Scene,
     pub params: Option<ParamSet>,
+    /// Its film is a picture: batches are whole films.
+    pub whole: bool,
 }
 
 impl Subject {
     pub fn new(text: &str, wrt: &[&str]) -> Result<Self> {
         let desc = SceneDesc::parse(text, Path::new("stress/scene.xml"), &[])?;
         let scene = Scene::compile(&desc, &LoadOptions::default())?;
-        let mut s = Subject { desc, scene, params: None };
+        let mut s = Subject { desc, scene, params: None, whole: false };
         if !wrt.is_empty() {
             s.params = Some(s.param_set(wrt)?);
         }
@@ -113,7 +115,13 @@ pub struct Measured {
 /// `combinations[k]` = coefficients over the layers (value, then one derivative a parameter), formed path by path.
 pub fn measure(pool: &ThreadPool, s: &Subject, combinations: &[Vec<f64>], paths: usize) -> Result<Measured> {
     let per_job = WIDTH * HEIGHT;
-    let paths = if paths > WIDTH { paths.div_ceil(WIDTH) * WIDTH } else { paths };
+    let paths = if s.whole {
+        BATCHES * per_job
+    } else if paths > WIDTH {
+        paths.div_ceil(WIDTH) * WIDTH
+    } else {
+        paths
+    };
     let k = combinations.len();
     let mut all = vec![Moments::default(); k];
     let mut batches = vec![[Moments::default(); BATCHES]; k];

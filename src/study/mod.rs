@@ -3,6 +3,7 @@
 pub mod agreement;
 mod airlight;
 pub mod check;
+mod closed;
 pub mod converge;
 pub mod differences;
 mod grids;

@@ -65,6 +65,8 @@ pub struct Slab {
     pub inside: bool,
     /// Made of two planes, with media that absorb everything in place of black walls: nothing has an outline then, so that a derivative by the index is the interior's alone.
     pub planes: bool,
+    /// Half its thickness is a parameter, `half`.
+    pub moves: bool,
 }
 
 impl Slab {
@@ -80,6 +82,7 @@ impl Slab {
             distance: 0.005,
             inside: false,
             planes: false,
+            moves: false,
         }
     }
 
@@ -151,13 +154,17 @@ impl Slab {
             }
         };
         let body = match self.planes {
-            false => format!(
-                r#"<shape type="cube"><transform name="to_world"><scale x="{w:e}" y="{w:e}" z="{:e}"/>{}</transform>
-              {bsdf}<ref name="interior" id="fog"/></shape>{extra}"#,
-                0.5 * u,
-                at(0.5),
-                w = HALF_WIDTH * u,
-            ),
+            false => {
+                let w = HALF_WIDTH * u;
+                // The front stays where it is.
+                let place = match self.moves {
+                    true => format!(r#"<translate z="1"/><scale x="{w:e}" y="{w:e}" z="$half"/>{}"#, at(0.0)),
+                    false => format!(r#"<scale x="{w:e}" y="{w:e}" z="{:e}"/>{}"#, 0.5 * u, at(0.5)),
+                };
+                format!(
+                    r#"<shape type="cube"><transform name="to_world">{place}</transform>{bsdf}<ref name="interior" id="fog"/></shape>{extra}"#
+                )
+            }
             true => {
                 let plane = |angle: f64, z: f64, bsdf: &str, media: &str| {
                     format!(
@@ -180,11 +187,12 @@ impl Slab {
             }
         };
         let n = if self.n == 1.0 { String::new() } else { format!(r#"<default name="n" value="{:?}"/>"#, self.n) };
+        let half = if self.moves { format!(r#"<default name="half" value="{:e}"/>"#, 0.5 * u) } else { String::new() };
         let inside = if self.inside { r#"<ref id="fog"/>"# } else { "" };
         format!(
             r#"<scene version="3.0.0">
             <default name="sigma_t" value="{:e}"/><default name="albedo" value="{:e}"/><default name="g" value="{:e}"/>
-            <default name="radiance" value="{:e}"/>{n}
+            <default name="radiance" value="{:e}"/>{n}{half}
             <integrator type="volpath"><integer name="max_depth" value="-1"/></integrator>
             {medium}
             {body}

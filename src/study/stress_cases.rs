@@ -1,7 +1,7 @@
 //! Which case is run by what. A case that is not listed here is `not-yet`.
 
 use super::stress::Bench;
-use super::{airlight, grids, policy, slab, units};
+use super::{airlight, closed, grids, policy, slab, units};
 use crate::error::Result;
 
 pub type Runner = fn(&mut Bench) -> Result<()>;
@@ -28,10 +28,13 @@ pub fn runner(name: &str) -> Option<Runner> {
         "degenerate-geometry" => policy::degenerate,
         "rng-endpoints" => units::rng_endpoints,
         "film-accumulation" => units::film_accumulation,
+        "emissive-slab" => closed::emissive_slab,
         "airlight-table" => airlight::all_rows,
         _ if name.starts_with("airlight-") => airlight::case,
         _ if name.starts_with("shadow-edge-") => airlight::shadow_edge,
         _ if name.starts_with("point-irradiance-") => airlight::point_irradiance,
+        _ if name.starts_with("emissive-sphere-") => closed::emissive_sphere,
+        _ if name.starts_with("dielectric-") => closed::dielectric,
         _ if name.starts_with("T-") => grids::transmittance,
         _ if slab::is_table_case(name) => slab::table_case,
         _ => return None,

@@ -58,10 +58,17 @@ fn share(s: &State, light: u32, reach: Option<(DVec3, f64)>) -> f64 {
 
 /// Next-event estimation from a collision in medium `id` at `s.o`.
 pub fn from_medium<R: Recorder>(w: &mut Walker<R>, s: &mut State, id: u32) {
+    if w.scene.shelters_from_all(id) {
+        s.to_environment = 0.0;
+        return;
+    }
     let phase = &w.scene.media[id as usize].phase;
     let toward = |d: DVec3| phase.eval(one_minus_cos(s.w, d));
     let Some((light, probability, environment)) = w.scene.select_light(s.rng.uniform(), toward) else { return };
     s.to_environment = environment;
+    if w.scene.shelters_from(id, light) {
+        return;
+    }
     let (u, v) = (s.rng.uniform(), s.rng.uniform());
     let Some(a) = w.scene.arrival(light, s.o, u, v) else { return };
     let m = one_minus_cos(s.w, a.w);

@@ -5,6 +5,7 @@ mod fog;
 
 mod analytic;
 mod bad_scenes;
+mod balls;
 mod borders;
 mod bright;
 mod check;
