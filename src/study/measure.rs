@@ -159,6 +159,14 @@ pub fn measure(pool: &ThreadPool, s: &Subject, combinations: &[Vec<f64>], paths:
         let stderr = means.iter().copied().collect::<Moments>().standard_error();
         let spreads: Moments = batches[j].iter().filter(|b| b.n > 1.0).map(Moments::variance).collect();
         let relative = |x: f64| over(x, value * value);
+        if s.whole {
+            // Pixels differ by what they show: the noise is what films differ by.
+            let variance = means.iter().copied().collect::<Moments>().variance() * per_job as f64;
+            let (relvar, relvar_error) = (relative(variance), relative(variance) * (2.0 / (BATCHES - 1) as f64).sqrt());
+            let (median, largest) = (median(means), over(largest[j], total[j]));
+            m.estimates.push(Estimate { value, stderr, relvar_error, relvar, median, largest });
+            continue;
+        }
         m.estimates.push(Estimate {
             value,
             stderr,

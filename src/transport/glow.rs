@@ -30,6 +30,7 @@ use super::walk::{State, Walker};
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, Volume};
 use crate::scene::Scene;
+use smallvec::{SmallVec, smallvec};
 
 /// Stand-in for the density per length of collisions and track lengths together over the transmittance.
 fn walked_density(m: &Medium, p: DVec3) -> f64 {
@@ -71,8 +72,24 @@ pub(super) fn walked<R: Recorder>(
     }
 }
 
-/// Emission of the last of `parts` of a camera line: by a forced collision and by a track length. In a homogeneous medium one point drawn by transmittance has no
-/// variance where it glows evenly. `chain`: begins a chain of the record.
+/// Channels that share an extinction, each set with 1 for its channels.
+fn alike(sigma: Rgb) -> SmallVec<[Rgb; 3]> {
+    if sigma.is_gray() { smallvec![Rgb::ONE] } else { (0..3).map(|c| Rgb::channel(c, 1.0)).collect() }
+}
+
+/// `∫ e^(-σt) dt` from 0 to the length, and the mean of t by that weight.
+fn even_glow(sigma: f64, length: f64) -> [f64; 2] {
+    let d = sigma * length;
+    if d < 1e-4 {
+        // 1/2 - d/12 and 1 - d/2 + d²/6, to d³.
+        return [length * (1.0 - 0.5 * d + d * d / 6.0), length * (0.5 - d / 12.0)];
+    }
+    let past = if d < f64::INFINITY { d / d.exp_m1() } else { 0.0 };
+    [-(-d).exp_m1() / sigma, (1.0 - past) / sigma]
+}
+
+/// Emission of the last of `parts` of a camera line: by a forced collision and by a track length. In a homogeneous medium that glows evenly all of it is known, `L_e σ_a ∫ T dt`, channel by channel:
+/// nothing has any variance, and if no vertex moves its derivatives have none, as all scores of a point at t are linear in t, so that the mean t gives their mean. `chain`: begins a chain of the record.
 pub(super) fn on_line<R: Recorder>(
     w: &mut Walker<R>,
     s: &mut State,
@@ -92,6 +109,19 @@ pub(super) fn on_line<R: Recorder>(
     let prefix = prefix * (part.before + before).map(|t| (-t).exp());
     let mut points = [None; 2];
     match &m.density {
+        Volume::Constant(_) if m.emission.as_ref().is_some_and(|e| matches!(e.volume, Volume::Constant(_))) => {
+            for one in alike(m.sigma_t) {
+                let (sigma, u) = (m.sigma_t.dot(one) / one.sum(), s.rng.uniform());
+                if sigma <= 0.0 && hi == f64::INFINITY {
+                    continue;
+                }
+                let [total, mean] = even_glow(sigma, hi - lo);
+                let t = if w.rec.is_still() { mean } else { tracking::truncated(u, sigma * (hi - lo)) / sigma };
+                let t = if t.is_finite() { t } else { u * (hi - lo) };
+                chain(w, s);
+                emit(w, &lead_of::<R>(lead), span, lo + t.min(hi - lo), prefix * one * total, s.depth, None);
+            }
+        }
         Volume::Constant(_) => points[0] = tracking::transmittance_point(m, &within, depth, &mut s.rng),
         Volume::Grid(g) => {
             let kept = -(-depth[0]).exp_m1();
@@ -109,11 +139,15 @@ pub(super) fn on_line<R: Recorder>(
             }
         }
     }
-    let lead: Vec<MediumSpan> = if R::ON { lead.iter().map(|q| q.span).collect() } else { Vec::new() };
+    let lead = lead_of::<R>(lead);
     for (t, weight) in points.into_iter().flatten() {
         chain(w, s);
         emit(w, &lead, span, t, prefix * weight, s.depth, None);
     }
+}
+
+fn lead_of<R: Recorder>(parts: &[Part]) -> Vec<MediumSpan> {
+    if R::ON { parts.iter().map(|q| q.span).collect() } else { Vec::new() }
 }
 
 /// Connect the vertex at `s.o` to a point where a medium glows.

@@ -248,6 +248,10 @@ pub trait Recorder {
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
         None
     }
+    /// Whether no vertex moves with a parameter: borders of media may.
+    fn is_still(&self) -> bool {
+        true
+    }
 }
 
 /// Writes nothing.
@@ -273,6 +277,8 @@ pub struct PathRecord {
     pub mirrors: Option<Arc<SweepFacts>>,
     /// Nothing but the motion of lights is asked for: of the path no more is kept.
     pub lights_only: bool,
+    /// No vertex moves.
+    pub still: bool,
     /// Legs of all chains so far ([`Opening`]).
     pub legs: Vec<Leg>,
     opening: Opening,
@@ -292,6 +298,7 @@ impl PathRecord {
             moving: Arc::new([]),
             mirrors: None,
             lights_only: false,
+            still: false,
             legs: Vec::new(),
             opening: Opening::default(),
             back: None,
@@ -390,6 +397,10 @@ impl Recorder for PathRecord {
         if let Some(c) = &mut self.candidates {
             c.note_unbounded(medium);
         }
+    }
+
+    fn is_still(&self) -> bool {
+        self.still
     }
 
     fn candidate_rng(&mut self) -> Option<&mut Rng> {

@@ -318,6 +318,7 @@ impl Sweep<'_> {
         });
         rec.chunk_starts.clear();
         (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
+        rec.still = !self.facts.moving.any();
         rec.mirrors = self.facts.mirrors.then(|| self.facts.clone());
         state.aside = state.rng.beside(derivative.next_u64());
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
