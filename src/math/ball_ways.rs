@@ -21,15 +21,20 @@
 
 use super::DVec3;
 use super::fresnel::Interface;
+use super::rng::Rng;
 use smallvec::SmallVec;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Reflections inside at most.
 pub const REFLECTIONS: u32 = 12;
+/// So many of them are always looked for.
+const SURE: u32 = 2;
 /// Intervals of τ no longer halved: two roots closer than that are one.
 const NARROW: f64 = 1e-9;
 /// Endpoints closer than this to the sphere, in radii, are on it.
 const ON: f64 = 1e-12;
+/// An end nearer to the centre than this, in radii, is put there.
+const CENTRE: f64 = 1e-9;
 
 /// A ball of glass or metal, its centre the origin.
 #[derive(Clone, Copy, Debug)]
@@ -73,6 +78,8 @@ struct Place {
 struct Sweep {
     terms: SmallVec<[Term; 8]>,
     q_max: f64,
+    /// κ of it.
+    largest: f64,
 }
 
 impl Sweep {
@@ -86,11 +93,12 @@ impl Sweep {
             }
         }
         let largest = terms.iter().map(|t| t.kappa).fold(0.0, f64::max);
-        (largest > 0.0).then_some(Sweep { terms, q_max: 1.0 / largest })
+        (largest > 0.0).then_some(Sweep { terms, q_max: 1.0 / largest, largest })
     }
 
     fn k(&self, kappa: f64) -> f64 {
-        (kappa * self.q_max).min(1.0)
+        // Exactly 1 where the product would round.
+        if kappa == self.largest { 1.0 } else { (kappa * self.q_max).min(1.0) }
     }
 
     fn value(&self, tau: f64) -> f64 {
@@ -194,18 +202,40 @@ struct Kind {
     inward: [bool; 2],
     /// Whole chords.
     chords: u32,
+    /// Probability of being looked for.
+    asked: f64,
 }
 
 impl Ball {
     /// All ways from the source to x with up to `interfaces` points on the sphere. `source`: a position, or the direction toward a source at infinity, unit.
-    pub fn ways(&self, source: DVec3, at_infinity: bool, x: DVec3, interfaces: u32, mut each: impl FnMut(BallWay)) {
+    ///
+    /// With random numbers ways of more than [`SURE`] reflections are looked for every other time less with each: they take as long as the others, and bring little.
+    pub fn ways(
+        &self,
+        source: DVec3,
+        at_infinity: bool,
+        x: DVec3,
+        interfaces: u32,
+        mut rng: Option<&mut Rng>,
+        mut each: impl FnMut(BallWay),
+    ) {
+        // From the centre all directions are alike: an end there is put beside it, across the way to the other.
+        let beside = |p: DVec3, other: DVec3| {
+            let least = CENTRE * self.radius;
+            if p.length() >= least {
+                p
+            } else {
+                other.try_normalize().map_or(p, |w| w.any_orthonormal_vector() * least)
+            }
+        };
+        let (source, x) = (if at_infinity { source } else { beside(source, x) }, beside(x, source));
         let place = |r: f64| {
             let inside = r < self.radius;
             Place { r, n: self.index[usize::from(inside)], inside }
         };
         let a = if at_infinity { place(f64::INFINITY) } else { place(source.length()) };
         let c = place(x.length());
-        let on = |p: Place| (p.r - self.radius).abs() <= ON * self.radius || p.r == 0.0;
+        let on = |p: Place| (p.r - self.radius).abs() <= ON * self.radius;
         if on(a) || on(c) || self.is_metal && (a.inside || c.inside) || interfaces == 0 {
             return;
         }
@@ -224,8 +254,12 @@ impl Ball {
                 if least + m > interfaces {
                     break;
                 }
+                let asked = rng.as_ref().map_or(1.0, |_| 0.5f64.powi(m.saturating_sub(SURE) as i32));
+                if asked < 1.0 && rng.as_deref_mut().is_some_and(|r| r.uniform() >= asked) {
+                    continue;
+                }
                 for (&i, &j) in within(a).iter().flat_map(|i| within(c).iter().map(move |j| (i, j))) {
-                    kinds.push(Kind { inward: [i, j], chords: first + m });
+                    kinds.push(Kind { inward: [i, j], chords: first + m, asked });
                 }
             }
         }
@@ -263,7 +297,8 @@ impl Ball {
         let chords = kind.map_or(0, |k| k.chords);
         terms.push(Term { w: 2.0 * f64::from(chords), kappa: if kind.is_some() { inner } else { 0.0 } });
         let Some(sweep) = Sweep::new(terms) else { return };
-        let of = |l: &[Term], tau: f64| Sweep { terms: l.into(), q_max: sweep.q_max }.value(tau);
+        let of =
+            |l: &[Term], tau: f64| Sweep { terms: l.into(), q_max: sweep.q_max, largest: sweep.largest }.value(tau);
         // Rays that go round the other way arrive at -ψ.
         let [first, last] = [sweep.at(0.0), sweep.at(FRAC_PI_2)];
         let [least, most] = Sweep::range(first, last, sweep.slopes(0.0, FRAC_PI_2));
@@ -284,7 +319,8 @@ impl Ball {
                         (e1 * c + e2 * (side * s)) * self.radius
                     };
                     let corners = (0..=chords).map(|k| point(start + f64::from(k) * chord));
-                    if let Some(way) = self.way(&sweep, tau, ends, corners.collect(), kind.is_some(), theta) {
+                    if let Some(mut way) = self.way(&sweep, tau, ends, corners.collect(), kind.is_some(), theta) {
+                        way.gain /= kind.map_or(1.0, |k| k.asked);
                         each(way);
                     }
                 }
@@ -353,7 +389,6 @@ impl Ball {
 mod tests {
     use super::*;
     use crate::math::fresnel::reflect;
-    use crate::math::rng::Rng;
     use crate::math::{V3, warp};
 
     /// A ray that leaves the source: points on the sphere, and the last leg, going through where that is asked for and possible.
@@ -426,7 +461,7 @@ mod tests {
             let (Some(du), Some(dv)) = (across(u), across(v)) else { continue };
             let gain = 1.0 / du.cross(dv).length();
             let (mut found, mut total) = (None, 0);
-            ball.ways(if far { toward } else { o }, far, x, 6, |way| {
+            ball.ways(if far { toward } else { o }, far, x, 6, None, |way| {
                 let same = way.points.len() == points.len() && way.through[..] == through[..];
                 let near = |(a, b): (&DVec3, &DVec3)| (*a - *b).length() < 1e-6;
                 total += usize::from(same);
@@ -461,7 +496,7 @@ mod tests {
         for i in 0..n {
             let r = radius * (f64::from(i) + 0.5) / f64::from(n);
             let x = DVec3::new(r, 0.0, z);
-            ball.ways(DVec3::Z, true, x, 2, |way| {
+            ball.ways(DVec3::Z, true, x, 2, None, |way| {
                 if way.through.len() == 2 {
                     let w = (x - way.points[1]).normalize();
                     received += way.gain * -w.z * 2.0 * PI * r * radius / f64::from(n);

@@ -76,6 +76,12 @@ pub fn cause(p: &Parts<f64>, term: Term, m: &Motion) -> Option<Cause> {
     }
     match term {
         Term::C => {
+            if let Some(l) = zero_measure(p) {
+                return Some(Cause::of_light(
+                    l,
+                    "use an area light that is a rectangle, an environment or a collimated beam",
+                ));
+            }
             let cuts = p.shapes.iter().find(|s| is_outlined(p, s.surface))?;
             Some(Cause::of_shape(cuts, "take it out of the scene, or use a directional light in place of the beam"))
         }

@@ -25,6 +25,10 @@ use std::f64::consts::PI;
 const RATE: f64 = 0.5;
 /// Rays that measure how much is seen: of a sphere, and of an edge.
 const PROBES: [u32; 2] = [256, 4];
+/// The least cosine that film points are drawn at on a ball: nearer to its outline double precision does not tell their density. And the optical depth that fog counts with at most: what is
+/// denser ends within less than that, and is missed as if it were not drawn.
+const LEAST: f64 = 1e-6;
+const DENSEST: f64 = 1e5;
 /// Half width of the strip around an edge, in pixels and in films.
 const HALF_WIDTH: (f64, f64) = (1.0, 0.04);
 /// Strips on one film point, on average, above which they are made narrower.
@@ -166,7 +170,7 @@ impl<'a> Limbs<'a> {
 fn fog_across(scene: &Scene, s: &Instance, radius: f64) -> Option<f64> {
     let medium = s.interior.filter(|_| s.boundary && s.interior != s.exterior)?;
     let m = &scene.media[medium as usize];
-    m.is_homogeneous().then(|| 2.0 * radius * m.sigma_t.max()).filter(|d| *d > 0.0)
+    m.is_homogeneous().then(|| (2.0 * radius * m.sigma_t.max()).min(DENSEST)).filter(|d| *d > 0.0)
 }
 
 /// The point of an edge's line that a ray passes.
@@ -179,17 +183,25 @@ fn beside([a, b]: [DVec3; 2], o: DVec3, w: DVec3) -> DVec3 {
 }
 
 impl Ball {
-    /// cos θ at u in [0, 1): uniform, in fog every other time with the density `~ exp(-depth cos θ)`.
+    /// cos θ at u in [0, 1), from [`LEAST`] to 1: uniform, in fog every other time with the density `~ exp(-depth cos θ)`.
     fn cosine(&self, u: f64) -> f64 {
-        if self.depth == 0.0 {
-            return 1.0 - u;
-        }
-        if u < 0.5 { 1.0 - 2.0 * u } else { -((2.0 * u - 1.0) * (-self.depth).exp_m1()).ln_1p() / self.depth }
+        let within = if self.depth == 0.0 {
+            1.0 - u
+        } else if u < 0.5 {
+            1.0 - 2.0 * u
+        } else {
+            ((2.0 * u - 1.0) * (-self.depth).exp_m1()).ln_1p() / -self.depth
+        };
+        LEAST + (1.0 - LEAST) * within
     }
 
     fn cosine_density(&self, cos: f64) -> f64 {
-        let d = self.depth;
-        if d == 0.0 { 1.0 } else { 0.5 - 0.5 * d * (-d * cos).exp() / (-d).exp_m1() }
+        let (d, within) = (self.depth, (cos - LEAST) / (1.0 - LEAST));
+        if within < 0.0 {
+            return 0.0;
+        }
+        let p = if d == 0.0 { 1.0 } else { 0.5 - 0.5 * d * (-d * within).exp() / (-d).exp_m1() };
+        p / (1.0 - LEAST)
     }
 
     /// The angle around the sphere's centre is uniform.

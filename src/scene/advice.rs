@@ -6,6 +6,7 @@ use super::{On, Scene};
 use crate::error::{Span, Warning, WarningKind};
 use crate::light::LightKind;
 use crate::math::DVec3;
+use crate::math::ball_ways::REFLECTIONS;
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 
@@ -54,6 +55,17 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
         for (l, part) in scene.lights.iter().zip(&parts.lights) {
             let beam = matches!(l.kind, LightKind::Beam { .. });
             let all_of_ball = scene.shows_all_light_of_a_ball();
+            if !all_of_ball && scene.shows_all_light_of_a_ball_but_reflections() {
+                if l.is_delta() || beam {
+                    found.push(warning(
+                        WarningKind::LightBehindGlass,
+                        &part.span,
+                        format!("what `{}` sends through the ball is followed for {REFLECTIONS} reflections inside: more are not in the picture", l.name),
+                        format!("set max_depth to {} or less, which leaves them out, too (below a hundredth of what a light outside sends there)", REFLECTIONS + 2),
+                    ));
+                }
+                continue;
+            }
             let known = |s: &Shape| is_flat(s) || all_of_ball && matches!(s, Shape::Sphere(_));
             let followed = |s: &&super::Instance| !scene.surfaces[s.surface as usize].is_smooth() || known(&s.shape);
             if let Some(s) = scene.shapes.iter().find(|s| beam && !followed(s)) {

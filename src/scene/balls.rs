@@ -38,8 +38,25 @@ impl Scene {
 
     /// Whether all light of lights without extent, and of beams, that smooth surfaces send on is found: there is one ball, and reflections in it are few enough.
     pub fn shows_all_light_of_a_ball(&self) -> bool {
+        let metal = self.balls.first().is_some_and(|b| b.ball.is_metal);
+        (metal || self.settings.max_depth <= REFLECTIONS + 2) && self.shows_all_light_of_a_ball_but_reflections()
+    }
+
+    /// All but what is mirrored inside more often than it is followed.
+    pub fn shows_all_light_of_a_ball_but_reflections(&self) -> bool {
         let smooth: Vec<_> = self.shapes.iter().filter(|s| self.surfaces[s.surface as usize].is_smooth()).collect();
         let [b] = &self.balls[..] else { return false };
-        smooth.len() == 1 && (b.ball.is_metal || self.settings.max_depth <= REFLECTIONS + 2)
+        // Beams that begin in the ball, or beside its middle, are not parallel light from outside to all of it.
+        let begins_there = |l: &crate::light::Light| match l.kind {
+            LightKind::Beam { position, direction, .. } => (b.center - position).dot(direction).abs() < b.ball.radius,
+            _ => false,
+        };
+        let surface = self.surface_of(b.shape);
+        // What is inside of a hollow mirror is not connected.
+        let known = match surface {
+            Surface::Conductor { two_sided, .. } => !b.flipped && !two_sided,
+            _ => true,
+        };
+        smooth.len() == 1 && known && !self.lights.iter().any(begins_there)
     }
 }

@@ -3,7 +3,7 @@
 use super::{Hit, On, Scene};
 use crate::light::{Arrival, LightKind};
 use crate::math::discrete::Discrete;
-use crate::math::{DVec3, Rgb};
+use crate::math::{DVec2, DVec3, Rgb};
 use crate::shape::{Geometry, Shape};
 
 /// Share of the selection that ignores power: a light that is off can still be differentiated.
@@ -53,7 +53,16 @@ impl Scene {
 
     /// Tell the media that lie in closed shapes of glass, as milk in a bottle: every way out of them turns, so that no connection to a light at infinity can succeed.
     pub(super) fn prepare_shelters(&mut self) {
-        let closed = |s: &super::Instance| s.shape.is_closed() && !self.is_null(s);
+        // With its front outside, so that its interior is within.
+        let outward = |s: &Shape| match s {
+            Shape::Sphere(_) | Shape::Cube(_) => (0..s.face_count()).all(|f| {
+                let p = s.position(f, DVec2::new(0.3, 0.6));
+                (p - s.bounds().center()).dot(s.normal(f, p)) > 0.0
+            }),
+            Shape::Mesh(m) => !m.topology().is_inside_out(),
+            _ => false,
+        };
+        let closed = |s: &super::Instance| s.shape.is_closed() && outward(&s.shape) && !self.is_null(s);
         let sheltered = |m: u32| {
             let mut walls =
                 self.shapes.iter().filter(|s| s.boundary && [s.interior, s.exterior].contains(&Some(m))).peekable();

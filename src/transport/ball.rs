@@ -37,7 +37,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             let beam = matches!(light.kind, LightKind::Beam { .. });
             let Some((from, far)) = source(light).filter(|_| light.is_delta() || beam) else { continue };
             let local = if far { from } else { from - b.center };
-            b.ball.ways(local, far, s.o - b.center, interfaces, |way| found.push(way));
+            b.ball.ways(local, far, s.o - b.center, interfaces, Some(&mut s.rng), |way| found.push(way));
             for way in found.drain(..) {
                 if s.depth + (way.points.len() as u32) < w.set.min_order {
                     continue;

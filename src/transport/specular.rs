@@ -17,7 +17,7 @@ use crate::surface::{Ray, Surface};
 const IN_A_ROW: u32 = 64;
 /// The least probability of going on through the first interface behind a vertex, on paths that look beside critical angles: there it divides the scores.
 const LEAST_THROUGH: f64 = 0.5;
-/// The least probability of a camera line's being mirrored.
+/// The least probability of a camera line's being mirrored at its second interface.
 const LEAST_MIRRORED: f64 = 1e-3;
 /// Of them then go on at each.
 const SURVIVE: f64 = 0.95;
@@ -82,7 +82,7 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
             let beside = LEAST_THROUGH / (1u64 << s.in_a_row.saturating_sub(1).min(63)) as f64;
             let least = if s.drawn.is_some() { beside } else { w.scene.least_through };
             // On a camera line the share may be as small as rounding, and still be all that is seen against the dark.
-            let f = f.max(if s.direct { LEAST_MIRRORED } else { 0.0 }).min(1.0 - least);
+            let f = f.max(if s.direct && s.in_a_row <= 2 { LEAST_MIRRORED } else { 0.0 }).min(1.0 - least);
             if s.rng.uniform() < f {
                 follow(s, &mirrored, f, false);
             } else {

@@ -83,3 +83,41 @@ fn derivatives_by_media() {
         }
     }
 }
+
+fn warns(text: &str) -> bool {
+    scene(text).1.warnings.iter().any(|w| w.kind == WarningKind::LightBehindGlass)
+}
+
+/// A light at the ball's centre is no special one.
+#[test]
+fn a_light_at_the_centre() {
+    let at = |x: &str| {
+        let light = format!(
+            r#"<emitter type="point"><point name="position" value="{x}, 0.2, 0"/><float name="intensity" value="5"/></emitter>"#
+        );
+        forward(&caustic(GLASS, &light), &[], 1 << 11)[0]
+    };
+    let (a, b) = (at("0"), at("1e-4"));
+    assert!((a.value[1] / b.value[1] - 1.0).abs() < 0.01 && a.value[1] > 0.01, "{a:?} {b:?}");
+}
+
+/// What is not all there is said to be so: beams that begin inside, hollow mirrors, balls beside other glass.
+#[test]
+fn what_is_left_out_is_warned_of() {
+    let inside = BEAM.replace(r#"origin="4, 3, 0" target="0, 0.2, 0.1""#, r#"origin="0, 0.2, 0" target="-1, -1, 0""#);
+    assert!(!warns(&caustic(GLASS, BEAM)) && !warns(&caustic(METAL, POINT)) && !warns(&caustic(GLASS, POINT)));
+    assert!(warns(&caustic(GLASS, &inside)));
+    assert!(warns(&caustic(&format!(r#"<boolean name="flip_normals" value="true"/>{METAL}"#), POINT)));
+    let pane = r#"<shape type="rectangle"><bsdf type="dielectric"/></shape>"#;
+    assert!(warns(&caustic(GLASS, &format!("{POINT}{pane}"))));
+}
+
+/// Milk in a ball of glass is sheltered from the sun; fog around a hollow whose front is its inside is not, nor what a border of nothing lets light into.
+#[test]
+fn shelters_are_closed_and_hold_their_medium() {
+    let sheltered = |bsdf: &str| scene(&caustic(bsdf, POINT)).1.sheltered;
+    assert_eq!(sheltered(GLASS), [true]);
+    assert_eq!(sheltered(&format!(r#"<boolean name="flip_normals" value="true"/>{GLASS}"#)), [false]);
+    assert_eq!(sheltered(&GLASS.replace("interior\" id", "exterior\" id")), [false]);
+    assert_eq!(sheltered(r#"<bsdf type="null"/><ref name="interior" id="milk"/>"#), [false]);
+}
