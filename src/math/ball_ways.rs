@@ -209,7 +209,7 @@ struct Kind {
 impl Ball {
     /// All ways from the source to x with up to `interfaces` points on the sphere. `source`: a position, or the direction toward a source at infinity, unit.
     ///
-    /// With random numbers ways of more than [`SURE`] reflections are looked for every other time less with each: they take as long as the others, and bring little.
+    /// With random numbers ways of more than two reflections are looked for every other time less with each: they take as long as the others, and bring little.
     pub fn ways(
         &self,
         source: DVec3,

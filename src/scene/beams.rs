@@ -109,7 +109,7 @@ impl Tube {
 
 impl Way {
     /// Where on `o + t w`, t in [t0, t1], light of the beam arrives by this way, if nothing stands in it. Everything on the way is affine in t ([T] 6.2 for planes), so a plane that must
-    /// be ahead bounds t from one side, and the distance from the beam's axis is the root of a quadratic. A Gaussian's tube ends at [`TAILS`] deviations along the line.
+    /// be ahead bounds t from one side, and the distance from the beam's axis is the root of a quadratic. A Gaussian's tube ends at three deviations along the line.
     pub fn tube(&self, scene: &Scene, o: DVec3, w: DVec3, t0: f64, t1: f64) -> Option<Tube> {
         let LightKind::Beam { position, direction, radius, gaussian } = scene.lights[self.light as usize].kind else {
             return None;
