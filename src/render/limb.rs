@@ -166,7 +166,7 @@ impl<'a> Limbs<'a> {
     }
 }
 
-/// Optical depth across the middle of a border of fog; `None` where it is none. Of grids, that of their extent counts by itself.
+/// Optical depth across the middle of a border of fog; `None` where it is none, or a grid.
 fn fog_across(scene: &Scene, s: &Instance, radius: f64) -> Option<f64> {
     let medium = s.interior.filter(|_| s.boundary && s.interior != s.exterior)?;
     let m = &scene.media[medium as usize];

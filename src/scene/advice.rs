@@ -61,7 +61,7 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
                         WarningKind::LightBehindGlass,
                         &part.span,
                         format!("what `{}` sends through the ball is followed for {REFLECTIONS} reflections inside: more are not in the picture", l.name),
-                        format!("set max_depth to {} or less, which leaves them out, too (below a hundredth of what a light outside sends there)", REFLECTIONS + 2),
+                        format!("set max_depth to {} or less, which leaves out whatever is mirrored as often", REFLECTIONS + 2),
                     ));
                 }
                 continue;

@@ -138,12 +138,13 @@ impl Way {
         let speed = v.length();
         let closest = -m.dot(v) / (speed * speed);
         let reach = radius * if gaussian { GAUSSIAN } else { 1.0 };
-        // Along the beam nothing but where it begins and ends bounds it.
-        let (least, half) = if speed > 1e-12 { ((m + v * closest).length(), 0.0) } else { (m.length(), f64::INFINITY) };
+        // Along the beam, but for rounding, nothing but where it begins and ends bounds it.
+        let crosses = speed > 1e-12;
+        let least = if crosses { m + v * closest } else { m }.length();
         if least >= reach {
             return None;
         }
-        if half == 0.0 {
+        if crosses {
             let half = if gaussian { TAILS * 0.5 * radius } else { (reach * reach - least * least).sqrt() } / speed;
             (from, to) = (from.max(closest - half), to.min(closest + half));
         }

@@ -104,6 +104,16 @@ fn unknown_cases_are_refused_and_missing_features_listed() {
     assert!(json["value"].is_null() && json["verdict"] == "not-yet" && json["case"] == "grid-all-zero");
 }
 
+/// Media that glow, in closed form: a slab without any variance, and a dense ball whose light ends within 1e-7 of its outline, where only paths of their own look.
+#[test]
+fn what_glows_is_known() {
+    let slab = quick_any("emissive-slab");
+    assert_eq!(slab.len(), 20);
+    assert!(slab.iter().all(|r| r.verdict == Verdict::Ok && r.relvar < 1e-20), "{slab:?}");
+    let ball = quick_any("emissive-sphere-1e3");
+    assert!(ball.len() == 3 && ball.iter().all(|r| r.verdict == Verdict::Ok), "{ball:?}");
+}
+
 fn quick_any(case: &str) -> Vec<StressRow> {
     rows(&StressOptions { case: Some(case.into()), effort: 0.1, threads: 2, ..Default::default() }).0
 }
