@@ -2,6 +2,7 @@
 
 use super::beams::Beams;
 use super::bright::Bright;
+use super::columns::Columns;
 use super::critical::Critical;
 use super::desc::SceneDesc;
 use super::geometry::Group;
@@ -133,6 +134,7 @@ impl Scene {
             local: Discrete::default(),
             embedded: Discrete::default(),
             beams: Beams::default(),
+            columns: Columns::default(),
             panes: Vec::new(),
             balls: Vec::new(),
             sheltered: Vec::new(),
@@ -142,6 +144,7 @@ impl Scene {
         scene.prepare_shelters();
         scene.prepare_lights(&named);
         scene.prepare_beams();
+        scene.prepare_columns();
         scene.prepare_panes();
         scene.prepare_balls();
         scene.prepare_bright();

@@ -37,8 +37,8 @@ impl Scene {
         };
         let selection = table(&|i| self.lights[i].wants_connection());
         let local = table(&|i| self.pole(i as u32).is_some());
+        let outer = self.medium_around();
         // Any interface on the way tells the medium, whatever opaque stands before it.
-        let outer = self.sensors.first().and_then(|c| self.outer_medium(c.to_world.translation, c.medium));
         let within = |p: DVec3| self.medium_toward(p, DVec3::new(0.36, 0.48, 0.8), &On::default(), outer).is_some();
         let embedded = table(&|i| self.lights[i].center().is_some_and(|p| named[i].is_some() || within(p)));
         let connected: Vec<u32> =
@@ -49,6 +49,11 @@ impl Scene {
         self.selection = selection;
         self.embedded = embedded;
         self.local = local;
+    }
+
+    /// The medium beyond all interfaces, as the first sensor tells it.
+    pub(super) fn medium_around(&self) -> Option<u32> {
+        self.sensors.first().and_then(|c| self.outer_medium(c.to_world.translation, c.medium))
     }
 
     /// Tell the media that lie in closed shapes of glass, as milk in a bottle: every way out of them turns, so that no connection to a light at infinity can succeed.

@@ -5,6 +5,7 @@ pub mod arrays;
 pub mod balls;
 pub mod beams;
 pub mod bright;
+pub mod columns;
 pub mod compile;
 pub mod critical;
 pub mod desc;
@@ -182,6 +183,8 @@ pub struct Scene {
     pub local: Discrete,
     /// Ways of collimated beams.
     pub beams: beams::Beams,
+    /// Where their light runs through media.
+    pub columns: columns::Columns,
     /// Smooth balls by which lights without extent are connected to.
     pub balls: Vec<balls::BallOf>,
     /// Media that no light from infinity falls into straight: by medium.

@@ -5,6 +5,7 @@
 //! the lit part grows there by `-(ρ̇ - Ṙ)/|∂ρ/∂t|`, times what light just within the edge brings; at a face's edge by `<m, ẋ_j - ė>/|∂g/∂t|`, g being how far within the face the
 //! line meets its plane, at x_j, and m its slope there. Every span of a camera path is looked at, exactly: light of any order counts.
 
+use super::beam_rim::{self, RimRecord};
 use super::sheet::Partials;
 use super::{Context, Motion, Sample};
 use crate::light::LightKind;
@@ -64,6 +65,8 @@ struct Walked<'a> {
     whole: MediumSpan,
     weight: &'a dyn Fn(f64) -> Rgb,
     depth: u32,
+    /// How its direction was drawn.
+    reach: Option<(DVec3, f64)>,
 }
 
 impl HardBeams {
@@ -84,14 +87,17 @@ impl HardBeams {
     /// All crossings of a camera path with edges.
     pub fn along(&self, cx: &mut Context, film: [f64; 2], rng: Rng, emit: &mut dyn FnMut(&Sample)) {
         let (o, w) = cx.sensor.ray(film[0], film[1]);
-        let mut rec = PathRecord::new();
+        let mut path = PathRecord::new();
         // Long paths would be cut into chunks.
-        rec.chunk = usize::MAX;
-        rec.begin(None, Opening::default());
+        path.chunk = usize::MAX;
+        path.begin(None, Opening::default());
+        let rim = rng.beside(Rng::next_u64(&mut { rng }));
+        let mut rec = RimRecord::new(path, rim);
         let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
         let s = camera_line::start(&mut walker, State::new(rng, o, w, cx.sensor.medium));
         walker.run(s);
         cx.tally = cx.tally.plus(&walker.tally);
+        let RimRecord { path: rec, points, .. } = rec;
         let mut starts = Starts::default();
         starts.find(cx.scene, cx.moving, &rec, Opening::default());
         for (k, e) in rec.events.iter().enumerate() {
@@ -104,7 +110,7 @@ impl HardBeams {
                 Event::Ends { span, start, depth, .. } => {
                     let m = &cx.scene.media[span.medium as usize];
                     let weight = |t: f64| start * tracking::depth(m, &span.until(t)).map(|d| (-d).exp());
-                    let walked = Walked { span, whole: span, weight: &weight, depth };
+                    let walked = Walked { span, whole: span, weight: &weight, depth, reach: None };
                     self.cross(cx, &walked, film, &velocity, emit);
                 }
                 Event::Span { span, prefix: Some(prefix) } => {
@@ -115,11 +121,18 @@ impl HardBeams {
                         Some(Event::Scatter { span: Some(whole), .. }) => *whole,
                         _ => span,
                     };
-                    let walked = Walked { span, whole, weight: &weight, depth: prefix.depth };
+                    let walked = Walked { span, whole, weight: &weight, depth: prefix.depth, reach: prefix.reach };
                     self.cross(cx, &walked, film, &velocity, emit);
                 }
                 _ => {}
             }
+        }
+        for point in &points {
+            let Some((leg, nth)) = starts.next_at(point.event) else { continue };
+            let start = cx.moving.vertex(cx.scene, &leg.first, nth, &Met::Medium(point.p));
+            let partials = own_edge(cx, &cx.scene.beams.ways[point.way], point.p, start);
+            let flux = point.flux;
+            emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
         }
     }
 
@@ -138,42 +151,61 @@ impl HardBeams {
             if order < cx.set.min_order || order >= cx.set.max_depth {
                 continue;
             }
-            let light = &scene.lights[way.light as usize];
             for c in end.crossings(scene, way, &span) {
                 let p = span.o + span.w * c.t;
                 let lit = c.border.map_or(p, |b| b.within(way, p, WITHIN * scene.bounds.radius()));
-                let mut points = Vec::new();
+                let share = match c.border {
+                    Some(_) => 1.0,
+                    None => beam_rim::crossing_share(scene, end.way as usize, p, c.slope, walked.reach),
+                };
                 let arrives = match c.border {
-                    Some(_) => beam::emission(scene, way, lit, &mut points).map(|e| e.color()),
-                    None => way.trace(scene, lit, &mut points).map(|_| way.gain * light.value),
+                    Some(_) => {
+                        let mut points = Vec::new();
+                        let emission = beam::emission(scene, way, lit, &mut points);
+                        let from = (lit, On::default(), Some(span.medium));
+                        let shadow = emission.and_then(|_| beam::clear(scene, way, &points, from, &mut |_| {}));
+                        emission.zip(shadow).map(|(e, shadow)| e.color() * shadow)
+                    }
+                    None => arrives(scene, way, p, span.medium),
                 };
                 let Some(arrives) = arrives else { continue };
-                let from = (lit, On::default(), Some(span.medium));
-                let Some(shadow) = beam::clear(scene, way, &points, from, &mut |_| {}) else { continue };
                 let m = &scene.media[span.medium as usize];
-                let f = m.phase.eval(one_minus_cos(span.w, -way.w));
-                let flux = (walked.weight)(c.t) * m.coefficients(p).1 * shadow * arrives * (f / c.slope.abs());
+                let f = m.phase.eval(one_minus_cos(span.w, -way.w)) * share;
+                let flux = (walked.weight)(c.t) * m.coefficients(p).1 * arrives * (f / c.slope.abs());
                 if flux.is_zero() {
                     continue;
                 }
-                let mut partials = Partials::default();
                 let start = velocity(&walked.whole, p);
-                match c.border {
+                let partials = match c.border {
                     Some(b) => {
+                        let mut partials = Partials::default();
                         let (way, from) = ((way, b.step), (p, start));
                         slide_forms(scene, cx.sensor, cx.moving, way, from, b.m, |q| partials.push(q));
+                        partials
                     }
-                    None => {
-                        distance_forms(scene, cx.sensor, cx.moving, way, p, start, |q| {
-                            partials.push(Partial { v: -q.v, ..q });
-                        });
-                        partials.push(Partial { slot: light.place.radius, v: DVec3::X, len: 1 });
-                    }
-                }
+                    None => own_edge(cx, way, p, start),
+                };
                 emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
             }
         }
     }
+}
+
+/// `Ṙ - ρ̇` of a point on the beam's own edge that moves with `start`.
+fn own_edge(cx: &Context, way: &Way, p: DVec3, start: Velocity) -> Partials {
+    let mut partials = Partials::default();
+    distance_forms(cx.scene, cx.sensor, cx.moving, way, p, start, |q| partials.push(Partial { v: -q.v, ..q }));
+    let radius = cx.scene.lights[way.light as usize].place.radius;
+    partials.push(Partial { slot: radius, v: DVec3::X, len: 1 });
+    partials
+}
+
+/// Irradiance just within the beam's own edge at p, what stands in the beam and its media taken off.
+pub(super) fn arrives(scene: &Scene, way: &Way, p: DVec3, medium: u32) -> Option<Rgb> {
+    let mut points = Vec::new();
+    way.trace(scene, p, &mut points)?;
+    let shadow = beam::clear(scene, way, &points, (p, On::default(), Some(medium)), &mut |_| {})?;
+    Some(way.gain * scene.lights[way.light as usize].value * shadow)
 }
 
 /// Edges of faces through which a way leaves a block, or at which it is mirrored inside of it.
@@ -237,19 +269,28 @@ impl End {
     }
 }
 
-/// Where a span crosses the edge of a way, and how the distance from the axis grows along it there.
-fn edges(scene: &Scene, way: &Way, span: &MediumSpan) -> Vec<(f64, f64)> {
+/// What a span's points are across the beam: at its start, and per length. Affine: two points tell it.
+fn across(scene: &Scene, way: &Way, span: &MediumSpan) -> Option<(DVec3, DVec3, f64)> {
     let LightKind::Beam { position, direction, radius, .. } = scene.lights[way.light as usize].kind else {
-        return Vec::new();
+        return None;
     };
-    // The distance is affine along a line: two points tell it.
     let across = |t: f64| {
         let m = way.origin(span.o + span.w * t) - position;
         m - direction * m.dot(direction)
     };
     let scale = if span.t1.is_finite() { span.t1 - span.t0 } else { scene.bounds.radius().max(radius) };
     let a = across(span.t0);
-    let b = (across(span.t0 + scale) - a) / scale;
+    Some((a, (across(span.t0 + scale) - a) / scale, radius))
+}
+
+/// How the distance from the axis grows along a span, at a point on the edge.
+pub(super) fn slope(scene: &Scene, way: &Way, span: &MediumSpan, t: f64) -> f64 {
+    across(scene, way, span).map_or(0.0, |(a, b, radius)| (a + b * (t - span.t0)).dot(b) / radius)
+}
+
+/// Where a span crosses the edge of a way, and how the distance from the axis grows along it there.
+fn edges(scene: &Scene, way: &Way, span: &MediumSpan) -> Vec<(f64, f64)> {
+    let Some((a, b, radius)) = across(scene, way, span) else { return Vec::new() };
     let q = [b.length_squared(), 2.0 * a.dot(b), a.length_squared() - radius * radius];
     let roots = super::arcs::quadratic(q).map(|t| (span.t0 + t, (a + b * t).dot(b) / radius));
     roots.filter(|(t, slope)| *t > span.t0 && *t < span.t1 && *slope != 0.0).collect()

@@ -6,6 +6,7 @@
 //! [`Sample::weigh`], the balance heuristic in film space.
 
 pub mod arcs;
+pub mod beam_rim;
 pub mod contact;
 pub mod crossings;
 pub mod cuts;

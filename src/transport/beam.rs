@@ -45,7 +45,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             w.rec.side_truncate(first);
             continue;
         };
-        let weight = s.beta / s.r.mean() * lobe.tint * t * (lobe.f * flight_share(scene, way, &s.flight, s.o));
+        let weight = s.beta / s.r.mean() * lobe.tint * t * (lobe.f * flight_share(scene, id, &s.flight, s.o));
         if let Some(value) = score(w, (id, weight, emission), s.depth, first, [phase, None], None) {
             vertex.scored(w.rec, toward, value);
         }
@@ -53,20 +53,22 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
 }
 
 /// Whether the way's interfaces still count behind so many scatterings.
-fn may_take<R: Recorder>(w: &Walker<R>, way: &Way, depth: u32) -> bool {
+pub(super) fn may_take<R: Recorder>(w: &Walker<R>, way: &Way, depth: u32) -> bool {
     way.steps.is_empty() || w.may_scatter(depth + way.steps.len() as u32)
 }
 
 /// What the free flight has of a connection by the way ([T] (61)): points are drawn in the beam, too.
-fn flight_share(scene: &Scene, way: &Way, flight: &Flight, p: DVec3) -> f64 {
+fn flight_share(scene: &Scene, id: usize, flight: &Flight, p: DVec3) -> f64 {
     let Some(span) = &flight.span else { return 1.0 };
+    let way = &scene.beams.ways[id];
     let tube = way.tube(scene, span.o, span.w, span.t0, span.t1);
-    let drawn = tube.map_or(0.0, |tube| tube.density((p - span.o).dot(span.w)));
+    let drawn = tube.map_or(0.0, |tube| tube.density((p - span.o).dot(span.w)))
+        + scene.columns.density_per_length(scene, id, p, flight.reach);
     if flight.density > 0.0 { flight.density / (flight.density + drawn) } else { 0.0 }
 }
 
 /// The extra connections of a medium span: a point of it within each beam, by each way. Free flights seldom end in narrow ones. `prefix` is the weight at the span's start, `lead` what a
-/// camera line has crossed before it, `flight_density` the competing density per length.
+/// camera line has crossed before it, `flight_density` the competing density per length, `reach` how the span's direction was drawn.
 pub fn on_span<R: Recorder>(
     w: &mut Walker<R>,
     s: &mut State,
@@ -74,6 +76,7 @@ pub fn on_span<R: Recorder>(
     prefix: Rgb,
     lead: Option<&[Part]>,
     flight_density: impl Fn(&Scene, f64) -> f64,
+    reach: Option<(DVec3, f64)>,
 ) {
     let scene = w.scene;
     let medium = &scene.media[span.medium as usize];
@@ -111,14 +114,15 @@ pub fn on_span<R: Recorder>(
             w.rec.side_truncate(first);
             continue;
         };
-        let density = tube.density(t) + flight_density(scene, t);
+        let centred = scene.columns.density_per_length(scene, id, p, reach);
+        let density = tube.density(t) + flight_density(scene, t) + centred;
         let weight = prefix * transmit::one_span(scene, &part) * clear * (f / density);
         score(w, (id, weight, emission), s.depth + 1, first, [Some((span.medium, m)), None], Some(via));
     }
 }
 
 /// `depth`: scatterings up to the vertex; the way's interfaces are more. Returns what it adds.
-fn score<R: Recorder>(
+pub(super) fn score<R: Recorder>(
     w: &mut Walker<R>,
     (id, weight, emission): (usize, Rgb, Emission),
     depth: u32,

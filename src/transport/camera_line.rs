@@ -149,7 +149,7 @@ fn side_estimates<R: Recorder>(
             }
             connect::equiangular(w, s, piece.span, prefix * before, s.depth, first, density, None);
         }
-        beam::on_span(w, s, &piece.span, prefix * before, Some(lead), density);
+        beam::on_span(w, s, &piece.span, prefix * before, Some(lead), density, None);
     }
     if let Some(rng) = w.rec.candidate_rng() {
         let m = &w.scene.media[piece.span.medium as usize];

@@ -35,7 +35,7 @@ pub fn density_per_length(scene: &Scene, light: u32, center: DVec3, y: DVec3, re
 }
 
 /// A point y seen from a vertex through the medium around it.
-pub(super) struct Sight {
+pub struct Sight {
     pub direction: DVec3,
     /// Phase function or cosine at the vertex, per solid angle, over the squared distance; times `tint`.
     pub per_length: f64,

@@ -4,6 +4,7 @@ pub mod aim;
 pub mod attach;
 pub mod ball;
 pub mod beam;
+pub mod beam_centred;
 pub mod beam_motion;
 pub mod beside;
 pub mod border;

@@ -10,7 +10,8 @@ use super::pane_motion::PaneAim;
 use super::ray::Specular;
 use super::sweep::{Candidates, SweepFacts};
 use super::twin::Ways;
-use super::walk::{Flight, Stage, State};
+use super::vertex::Vertex;
+use super::walk::{Flight, Stage, State, Walker};
 use crate::light::{Arrival, Emission};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
@@ -247,6 +248,12 @@ pub trait Recorder {
     /// The stream for candidates on the camera line; `None` where none are wanted.
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
         None
+    }
+    /// Called at every vertex that scatters, before a direction is drawn.
+    fn at_vertex(_walker: &mut Walker<Self>, _state: &mut State, _vertex: &Vertex)
+    where
+        Self: Sized,
+    {
     }
     /// Whether no vertex moves with a parameter: borders of media may.
     fn is_still(&self) -> bool {

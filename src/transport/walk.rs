@@ -14,7 +14,7 @@ use super::record::{End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use super::twin::{self, Twin};
 use super::vertex::{Facing, Vertex};
-use super::{ball, beam, beside, camera_line, connect, glow, light_centred, pane, specular};
+use super::{ball, beam, beam_centred, beside, camera_line, connect, glow, light_centred, pane, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
@@ -262,7 +262,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 if scene.has_local_lights() {
                     connect::equiangular(self, s, span, prefix, depth, first, density, reach);
                 }
-                beam::on_span(self, s, &span, prefix, None, density);
+                beam::on_span(self, s, &span, prefix, None, density, reach);
             }
             let (beta, r) = (s.beta, s.r);
             match tracking::fly(medium, &span, s) {
@@ -392,7 +392,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let twin = Twin::new(self, s);
         if R::CONNECTS {
             light_centred::connect(self, s, &vertex, twin.as_ref());
+            beam_centred::connect(self, s, &vertex);
         }
+        R::at_vertex(self, s, &vertex);
         beside::score(self, s, &vertex, twin.as_ref());
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let critical = &self.scene.critical;
@@ -493,8 +495,10 @@ impl<'a, R: Recorder> Walker<'a, R> {
             pane::connect(self, s, &vertex);
             ball::connect(self, s, &vertex);
             light_centred::connect(self, s, &vertex, twin.as_ref());
+            beam_centred::connect(self, s, &vertex);
             glow::connect(self, s, &vertex);
         }
+        R::at_vertex(self, s, &vertex);
         beside::score(self, s, &vertex, twin.as_ref());
         let (u, v) = (s.rng.uniform(), s.rng.uniform());
         let uniform = self.scene.uniform_share;
