@@ -5,6 +5,7 @@ pub mod blackbody;
 pub mod discrete;
 pub mod equiangular;
 pub mod erf;
+pub mod fold;
 pub mod fresnel;
 pub mod guide;
 pub mod nearest;

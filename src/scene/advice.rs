@@ -7,6 +7,7 @@ use crate::error::{Span, Warning, WarningKind};
 use crate::light::LightKind;
 use crate::math::DVec3;
 use crate::math::ball_ways::REFLECTIONS;
+use crate::math::fold::MOST;
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 
@@ -76,12 +77,19 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
                     "beams are followed at rectangles, disks and cubes, and by one ball".into(),
                 ));
             }
-            if l.is_delta() && !scene.shows_all_delta_light() && !all_of_ball {
+            if l.is_delta() && scene.is_smooth_at_faces_only() && scene.cuts_chains() {
+                found.push(warning(
+                    WarningKind::LightBehindGlass,
+                    &part.span,
+                    format!("what `{}` sends by way of flat glass and mirrors is followed for {MOST} faces in turn, and not for any number of them: more are not in the picture", l.name),
+                    format!("set max_depth to {} or less, which leaves out whatever meets as many, or use fewer panes", MOST + 2),
+                ));
+            } else if l.is_delta() && !scene.is_smooth_at_faces_only() && !all_of_ball {
                 found.push(warning(
                     WarningKind::LightBehindGlass,
                     &part.span,
                     format!(
-                        "of what light `{}` sends by way of glass or mirrors, only what meets one flat face, or one ball, on its way is in the picture yet",
+                        "of what light `{}` sends by way of glass or mirrors, only what meets flat faces, or one ball, on its way is in the picture yet",
                         l.name
                     ),
                     "such light has to be connected by way of the interfaces; a small area light shows it, with noise"

@@ -2,6 +2,7 @@
 
 use super::beams::Beams;
 use super::bright::Bright;
+use super::chains::Chains;
 use super::columns::Columns;
 use super::critical::Critical;
 use super::desc::SceneDesc;
@@ -136,6 +137,7 @@ impl Scene {
             beams: Beams::default(),
             columns: Columns::default(),
             panes: Vec::new(),
+            chains: Chains::default(),
             balls: Vec::new(),
             sheltered: Vec::new(),
             bright: Bright::default(),
@@ -146,6 +148,7 @@ impl Scene {
         scene.prepare_beams();
         scene.prepare_columns();
         scene.prepare_panes();
+        scene.prepare_chains();
         scene.prepare_balls();
         scene.prepare_bright();
         if can_move(desc, &scene)? {

@@ -5,6 +5,7 @@ pub mod arrays;
 pub mod balls;
 pub mod beams;
 pub mod bright;
+pub mod chains;
 pub mod columns;
 pub mod compile;
 pub mod critical;
@@ -191,6 +192,8 @@ pub struct Scene {
     pub sheltered: Vec<bool>,
     /// Flat glass and mirrors beside lights without extent.
     pub panes: Vec<panes::Pane>,
+    /// The same, several in turn.
+    pub chains: chains::Chains,
     /// Of every light that stands in a medium, for the light-centred one.
     pub embedded: Discrete,
     /// Where media glow, for connections to it.

@@ -9,6 +9,7 @@ pub mod beam_motion;
 pub mod beside;
 pub mod border;
 pub mod camera_line;
+pub mod chain;
 pub mod chained;
 pub mod connect;
 pub mod field;

@@ -14,7 +14,7 @@ use super::record::{End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use super::twin::{self, Twin};
 use super::vertex::{Facing, Vertex};
-use super::{ball, beam, beam_centred, beside, camera_line, connect, glow, light_centred, pane, specular};
+use super::{ball, beam, beam_centred, beside, camera_line, chain, connect, glow, light_centred, pane, specular};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
@@ -378,6 +378,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             connect::from_medium(self, s, id);
             beam::connect(self, s, &Vertex::Medium(id));
             pane::connect(self, s, &Vertex::Medium(id));
+            chain::connect(self, s, &Vertex::Medium(id));
             ball::connect(self, s, &Vertex::Medium(id));
             glow::connect(self, s, &Vertex::Medium(id));
         }
@@ -493,6 +494,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             connect::from_surface(self, s, &facing);
             beam::connect(self, s, &vertex);
             pane::connect(self, s, &vertex);
+            chain::connect(self, s, &vertex);
             ball::connect(self, s, &vertex);
             light_centred::connect(self, s, &vertex, twin.as_ref());
             beam_centred::connect(self, s, &vertex);

@@ -1,0 +1,147 @@
+//! Connections to point, spot and directional lights by several flat smooth faces in turn ([`crate::scene::chains`]): at every vertex, each such light by each chain. A chain has one solution
+//! ([`crate::math::fold`]), or none that lies within its faces.
+//!
+//! The gain is a ray's from the light, carried through the planes in dual numbers: solid angle there over the area across it at the vertex ([T] (47) for any number of planes), times what each face lets by.
+
+use super::pane::{self, Found, Origin};
+use super::record::{End, Recorder};
+use super::vertex::Vertex;
+use super::walk::{State, Walker};
+use crate::math::fold::{self, Fold, MOST};
+use crate::math::fresnel::{Interface, conductor, reflect};
+use crate::math::{DVec3, Dual, Rgb, V3, warp};
+use crate::scene::Scene;
+use crate::scene::beams::{Step, Way};
+use crate::scene::chains::Chain;
+use crate::surface::Surface;
+use smallvec::SmallVec;
+
+/// Two coordinates of a light's rays.
+type D2 = Dual<2>;
+
+/// Score what all lights without extent bring to the vertex at `s.o` by two faces and more.
+pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
+    let scene: &Scene = w.scene;
+    for chain in &scene.chains.list {
+        let order = s.depth + chain.links.len() as u32;
+        if !w.may_scatter(order) || order < w.set.min_order {
+            continue;
+        }
+        // The last face sends light to one side only.
+        let Some(last) = chain.links.last() else { continue };
+        let side = (s.o - last.fold.p).dot(last.fold.n);
+        if side == 0.0 || (side > 0.0) != (last.front != last.fold.through) {
+            continue;
+        }
+        if chain.asked < 1.0 && s.rng.uniform() >= chain.asked {
+            continue;
+        }
+        let light = &scene.lights[chain.light as usize];
+        let Some(from) = Origin::of(light) else { continue };
+        let Some((mut way, points)) = way(scene, chain, from, s.o) else { continue };
+        way.gain *= 1.0 / chain.asked;
+        let Some(&first) = points.last() else { continue };
+        let Some(emission) = light.sample(first, 0.0, 0.0).map(|a| a.emission) else { continue };
+        let end = match from {
+            Origin::Position(_) => End::Point(chain.light),
+            Origin::Infinity(v) => End::Infinity(-v.value()),
+        };
+        pane::score(w, s, vertex, &Found { way: &way, points: &points, emission, end });
+    }
+}
+
+/// The way to x, and its points from the last one to the first; `None` where it misses a face.
+fn way(scene: &Scene, chain: &Chain, from: Origin<f64>, x: DVec3) -> Option<(Way, SmallVec<[DVec3; MOST]>)> {
+    let folds: SmallVec<[Fold; MOST]> = chain.links.iter().map(|l| l.fold).collect();
+    let arrives = match from {
+        Origin::Position(q) => fold::arrival(q.value(), &folds, x)?,
+        Origin::Infinity(v) => folds.iter().try_fold(v.value(), |w, f| f.behind(w))?,
+    };
+    // Back from x.
+    let (mut p, mut w) = (x, arrives);
+    let mut points: SmallVec<[DVec3; MOST]> = SmallVec::new();
+    let mut steps = Vec::with_capacity(folds.len());
+    for link in chain.links.iter().rev() {
+        let f = &link.fold;
+        let t = (p - f.p).dot(f.n) / w.dot(f.n);
+        p -= w * t;
+        if t.is_nan() || t <= 0.0 || !link.holds(p) {
+            return None;
+        }
+        let back = Fold { index: [f.index[1], f.index[0]], ..*f };
+        let before = -back.behind(-w)?;
+        if (before.dot(f.n) < 0.0) != link.front {
+            return None;
+        }
+        let (shape, face, through) = (link.shape, link.face, f.through);
+        steps.push(Step { shape, face, p: f.p, n: f.n, before, behind: w, through });
+        points.push(p);
+        w = before;
+    }
+    steps.reverse();
+    let gain = spread(&folds, from, w, x)?;
+    let shares = steps.iter().zip(&chain.links).fold(Rgb::ONE, |g, (s, l)| {
+        let c = s.before.dot(s.n).abs();
+        g * match scene.surface_of(s.shape) {
+            Surface::Dielectric { interior, exterior, .. } => {
+                let [n0, n1] = if l.front { [exterior, interior] } else { [interior, exterior] };
+                let f = Interface::new(c, *n0, *n1).reflectance();
+                Rgb::splat(if s.through { 1.0 - f } else { f })
+            }
+            Surface::Conductor { eta, k, .. } => Rgb::from_fn(|i| conductor(c, eta[i], k[i])),
+            _ => Rgb::ZERO,
+        }
+    });
+    let gain = shares * gain;
+    let way = Way { light: chain.light, steps, w: arrives, gain };
+    (!gain.is_zero() && gain.is_finite()).then_some((way, points))
+}
+
+impl Fold {
+    /// The direction of light behind the plane that travels along w before it; `None` in total reflection.
+    fn behind(&self, w: DVec3) -> Option<DVec3> {
+        if !self.through {
+            return Some(reflect(w, self.n));
+        }
+        let side = if w.dot(self.n) < 0.0 { self.n } else { -self.n };
+        let i = Interface::new(-w.dot(side), self.index[0], self.index[1]);
+        Some(i.refract(V3::constant(w), V3::constant(side))?.value().normalize())
+    }
+}
+
+/// Solid angle at the light (or area across its rays) over the area across the ray at x. `before`: the ray's direction at the light.
+fn spread(folds: &[Fold], from: Origin<f64>, before: DVec3, x: DVec3) -> Option<f64> {
+    let q = match from {
+        Origin::Position(q) => q.value(),
+        Origin::Infinity(_) => {
+            // Planes widen parallel light by their cosines alone.
+            let (mut w, mut area) = (before, 1.0);
+            for f in folds {
+                let next = f.behind(w)?;
+                area *= (next.dot(f.n) / w.dot(f.n)).abs();
+                w = next;
+            }
+            return Some(1.0 / area);
+        }
+    };
+    let (a, b) = warp::frame(before);
+    let off = V3::constant(a) * D2::variable(0.0, 0) + V3::constant(b) * D2::variable(0.0, 1);
+    let (mut o, mut d): (V3<D2>, V3<D2>) = (V3::constant(q), (V3::constant(before) + off).normalize());
+    for f in folds {
+        let n = V3::constant(f.n);
+        let c = n.dot(d);
+        o = o + d * (n.dot(V3::constant(f.p) - o) / c);
+        d = if f.through {
+            let (c, side) = if c.v < 0.0 { (-c, n) } else { (c, -n) };
+            Interface::new(c, D2::from(f.index[0]), D2::from(f.index[1])).refract(d, side)?.normalize()
+        } else {
+            d - n * (c * 2.0)
+        };
+    }
+    let rest = V3::constant(x) - o;
+    let across = d * rest.dot(d) - rest;
+    let (u, v) = warp::frame(d.value());
+    let (s, t) = (across.dot(V3::constant(u)), across.dot(V3::constant(v)));
+    let area = (s.d[0] * t.d[1] - s.d[1] * t.d[0]).abs();
+    (area > 0.0).then(|| 1.0 / area)
+}

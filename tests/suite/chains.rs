@@ -1,0 +1,82 @@
+//! Light without extent by way of several flat faces in turn: against small lamps that paths find by themselves, against far lights, and derivatives against differences.
+
+use crate::common::*;
+use tyndall::error::WarningKind;
+use tyndall::render::driver::Mode;
+use tyndall::render::plan::Plan;
+use tyndall::scene::chains::Chains;
+
+/// A floor under a slanted block of glass and milk, and beside a mirror. What the camera sees is the floor.
+fn block(depth: u32, light: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0"><default name="milk" value="0.3"/><default name="white" value="0.9"/><default name="x" value="0.3"/><default name="n" value="1.5"/>
+  <integrator type="volpath"><integer name="max_depth" value="{depth}"/></integrator>
+  <sensor type="perspective"><float name="fov" value="30"/><transform name="to_world"><lookat origin="-3, 0.1, 0.5" target="0, -1, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="box"/></film></sensor>
+  <medium type="homogeneous" id="milk"><rgb name="sigma_t" value="0.8,1,1.2"/><float name="scale" value="$milk"/><float name="albedo" value="$white"/><phase type="hg"><float name="g" value="0.4"/></phase></medium>
+  <shape type="cube" id="block"><transform name="to_world"><scale x="1.2" y="0.3" z="0.8"/><rotate z="1" angle="12"/><translate y="0.8"/></transform>
+    <bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="milk"/></shape>
+  <shape type="rectangle" id="floor"><transform name="to_world"><scale value="5"/><rotate x="1" angle="-90"/><translate y="-1"/></transform><bsdf type="diffuse"><float name="reflectance" value="0.6"/></bsdf></shape>
+  <shape type="rectangle" id="mirror"><transform name="to_world"><scale x="0.8" y="0.8"/><rotate y="1" angle="-90"/><translate x="1.6" y="0.6"/></transform>
+    <bsdf type="conductor"><rgb name="eta" value="0.2,0.9,1.2"/><float name="k" value="2.5"/></bsdf></shape>{light}</scene>"#
+    )
+}
+
+const POINT: &str =
+    r#"<emitter type="point"><point name="position" value="$x, 3, 0"/><float name="intensity" value="10"/></emitter>"#;
+
+/// A lamp as bright as the point light, of this radius.
+fn lamp(radius: f64) -> String {
+    let radiance = 10.0 / (std::f64::consts::PI * radius * radius);
+    format!(
+        r#"<shape type="sphere"><point name="center" value="$x, 3, 0"/><float name="radius" value="{radius}"/><emitter type="area"><float name="radiance" value="{radiance}"/></emitter></shape>"#
+    )
+}
+
+/// The floor's light is that of a small lamp: what the block lets through, what goes round in it, what the mirror sends back, and what the milk scatters.
+#[test]
+fn a_point_light_is_a_small_lamp() {
+    let point = forward(&block(6, POINT), &[], 1 << 11)[0];
+    let lamp = forward(&block(6, &lamp(0.2)), &[], 1 << 17)[0];
+    for c in 0..3 {
+        let se = point.error[c].hypot(lamp.error[c]);
+        assert!((point.value[c] - lamp.value[c]).abs() < 4.5 * se, "{c}: {point:?} {lamp:?}");
+        assert!(se < 0.02 * lamp.value[c], "{c}: {point:?} {lamp:?}");
+    }
+    // Several faces in turn bring more than all errors.
+    let (_, mut scene) = scene(&block(6, POINT));
+    scene.chains = Chains::default();
+    let without = estimate(&run(&scene, 1 << 11, 3, Mode::Picture), 0);
+    assert!(point.value[1] > 1.15 * without.value[1], "{point:?} {without:?}");
+}
+
+/// Light from far away is parallel.
+#[test]
+fn far_lights_are_parallel() {
+    let far = r#"<emitter type="point"><point name="position" value="1000, 3000, 0"/><float name="intensity" value="2e7"/></emitter>"#;
+    let sun = r#"<emitter type="directional"><vector name="direction" value="-1, -3, 0"/><float name="irradiance" value="2"/></emitter>"#;
+    let of = |light: &str| forward(&block(5, light), &[], 1 << 11)[0];
+    let (a, b) = (of(far), of(sun));
+    let se = b.error[1].hypot(a.error[1]);
+    assert!((b.value[1] - a.value[1]).abs() < 4.5 * se && se < 0.03 * b.value[1], "{a:?} {b:?}");
+}
+
+/// What the milk does to such light is in the record; what moves is refused by name.
+#[test]
+fn derivatives_by_media() {
+    let text = block(5, POINT);
+    against_differences(&text, &[("milk", 0.05), ("white", 0.02)], &["all"], 1 << 10, 0.02);
+    let (desc, _) = scene(&text);
+    for name in ["x", "n"] {
+        let refused = Plan::new(&desc, &[name.to_string()]).and_then(|p| p.refuse());
+        assert!(refused.is_err(), "{name}");
+    }
+}
+
+/// Deeper pictures leave something out, and say so.
+#[test]
+fn longer_chains_are_warned_of() {
+    let warns =
+        |depth: u32| scene(&block(depth, POINT)).1.warnings.iter().any(|w| w.kind == WarningKind::LightBehindGlass);
+    assert!(!warns(6) && warns(7));
+}
