@@ -4,8 +4,9 @@
 //! `F = Σ n_i |P_{i+1} - P_i|` over points P_i of the planes, and F is strictly convex in them together (a sum of norms of affine functions), so that Newton's method with steps that descend finds the
 //! only stationary point there is.
 
-use super::DVec3;
+use super::fresnel::{Interface, reflect};
 use super::warp::frame;
+use super::{DVec3, V3};
 use smallvec::SmallVec;
 
 /// How steep the path may be, over what it is made of, where Newton's steps need no check.
@@ -22,8 +23,20 @@ pub struct Fold {
     pub p: DVec3,
     pub n: DVec3,
     pub through: bool,
-    /// Indices of refraction before and behind it.
+    /// Indices of refraction before and behind it; those of a mirror do not matter.
     pub index: [f64; 2],
+}
+
+impl Fold {
+    /// The direction of light behind the plane that travels along w before it; `None` in total reflection.
+    pub fn behind(&self, w: DVec3) -> Option<DVec3> {
+        if !self.through {
+            return Some(reflect(w, self.n));
+        }
+        let side = if w.dot(self.n) < 0.0 { self.n } else { -self.n };
+        let i = Interface::new(-w.dot(side), self.index[0], self.index[1]);
+        Some(i.refract(V3::constant(w), V3::constant(side))?.value().normalize())
+    }
 }
 
 fn mirrored(x: DVec3, p: DVec3, n: DVec3) -> DVec3 {
@@ -54,11 +67,14 @@ pub fn arrival(q: DVec3, planes: &[Fold], x: DVec3) -> Option<DVec3> {
     let mut q = q;
     let mut list: SmallVec<[(DVec3, DVec3); MOST]> = SmallVec::new();
     let mut index: SmallVec<[f64; MOST]> = SmallVec::new();
-    index.push(planes.first().map_or(1.0, |s| s.index[0]));
+    // Snell's law knows ratios only.
+    let mut last = 1.0;
+    index.push(last);
     for s in planes {
         if s.through {
             list.push((s.p, s.n));
-            index.push(s.index[1]);
+            last *= s.index[1] / s.index[0];
+            index.push(last);
             continue;
         }
         q = mirrored(q, s.p, s.n);
@@ -175,8 +191,6 @@ impl Path {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::V3;
-    use crate::math::fresnel::{Interface, reflect};
     use crate::math::rng::{Purpose, Rng};
 
     /// Rays are traced through random planes; from where they end the way back is found.
@@ -189,7 +203,7 @@ mod tests {
             let q = unit(&mut rng) * 2.0;
             let (mut p, mut w) = (q, unit(&mut rng));
             let mut planes: Vec<Fold> = Vec::new();
-            let mut index = 1.0;
+            let mut index = 1.0 + rng.uniform();
             for _ in 0..1 + (rng.uniform() * 4.0) as usize {
                 p += w * (0.2 + rng.uniform());
                 let n = unit(&mut rng);
@@ -208,7 +222,12 @@ mod tests {
                 let Some(next) = next.filter(|v: &DVec3| v.dot(n).abs() > 0.1) else { continue };
                 // The plane is named by another point of it.
                 let (a, _) = frame(n);
-                planes.push(Fold { p: p + a * rng.uniform(), n, through, index: [index, behind] });
+                planes.push(Fold {
+                    p: p + a * rng.uniform(),
+                    n,
+                    through,
+                    index: if through { [index, behind] } else { [1.0; 2] },
+                });
                 mirrors += usize::from(!through);
                 (w, index) = (next.normalize(), behind);
             }

@@ -77,19 +77,40 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
                     "beams are followed at rectangles, disks and cubes, and by one ball".into(),
                 ));
             }
-            if l.is_delta() && scene.is_smooth_at_faces_only() && scene.cuts_chains() {
+            let chains = &scene.chains;
+            let left_out = [
+                (
+                    chains.touching,
+                    "by faces of glass or mirrors that touch".to_string(),
+                    "leave a small gap between the shapes, or make them one".to_string(),
+                ),
+                (
+                    chains.cut,
+                    "by some of very many sequences of flat faces".into(),
+                    "use fewer panes and mirrors, or fewer lights without extent".into(),
+                ),
+                (
+                    chains.long,
+                    format!("by more than {MOST} flat faces in turn"),
+                    format!("set max_depth to {} or less, which leaves it out, too", MOST + 2),
+                ),
+            ];
+            if let Some((_, what, hint)) =
+                left_out.into_iter().find(|w| w.0).filter(|_| l.is_delta() && scene.is_smooth_at_faces_only())
+            {
                 found.push(warning(
                     WarningKind::LightBehindGlass,
                     &part.span,
-                    format!("what `{}` sends by way of flat glass and mirrors is followed for {MOST} faces in turn, and not for any number of them: more are not in the picture", l.name),
-                    format!("set max_depth to {} or less, which leaves out whatever meets as many, or use fewer panes", MOST + 2),
+                    format!("what light `{}` sends {what} is not in the picture yet", l.name),
+                    hint,
                 ));
-            } else if l.is_delta() && !scene.is_smooth_at_faces_only() && !all_of_ball {
+            }
+            if l.is_delta() && !scene.is_smooth_at_faces_only() && !all_of_ball {
                 found.push(warning(
                     WarningKind::LightBehindGlass,
                     &part.span,
                     format!(
-                        "of what light `{}` sends by way of glass or mirrors, only what meets flat faces, or one ball, on its way is in the picture yet",
+                        "of what light `{}` sends by way of glass or mirrors, only what meets nothing but rectangles, disks and cubes, or one ball alone, is in the picture yet",
                         l.name
                     ),
                     "such light has to be connected by way of the interfaces; a small area light shows it, with noise"

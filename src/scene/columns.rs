@@ -139,13 +139,11 @@ impl Columns {
         angles.usable().then(|| self.table.probability(way) * angles.density(s))
     }
 
-    /// The same per length of a span whose direction a vertex drew with a known density (`reach`), or that nothing else draws.
+    /// The same per length of a span: `reach` is the vertex that drew its direction, and with what density; 0 where none did (camera lines).
     pub fn density_per_length(&self, scene: &Scene, way: usize, y: DVec3, reach: Option<(DVec3, f64)>) -> f64 {
         match reach {
-            Some((x, p_direction)) if !self.is_empty() => {
-                self.density(scene, way, x, y) * (y - x).length_squared() / p_direction
-            }
-            _ => 0.0,
+            Some((x, p_direction)) => self.density(scene, way, x, y) * (y - x).length_squared() / p_direction,
+            None => 0.0,
         }
     }
 }

@@ -18,8 +18,8 @@ use crate::transport::walk::{State, Walker};
 
 /// What a point of an edge that was drawn from a vertex brings.
 pub struct RimPoint {
-    /// Index of the event that follows the vertex.
-    pub event: usize,
+    /// Index of the vertex's event.
+    pub vertex: usize,
     pub way: usize,
     pub p: DVec3,
     /// On which it lies, whole.
@@ -90,9 +90,10 @@ impl Recorder for RimRecord {
         let crossed = p_direction * hard_beam::slope(scene, way, &span, t).abs() * measure;
         let density = crossed + scene.columns.edge_density(scene, id, s.o, p);
         let weight = s.beta / s.r.mean() * sight.tint * sight.transmittance * (per_length * measure / density);
-        let (event, flux) = (w.rec.path.events.len(), weight * source * arrives);
+        // What scatters has just been recorded.
+        let (vertex, flux) = (w.rec.path.events.len() - 1, weight * source * arrives);
         if !flux.is_zero() {
-            w.rec.points.push(RimPoint { event, way: id, p, span, flux });
+            w.rec.points.push(RimPoint { vertex, way: id, p, span, flux });
         }
     }
 }

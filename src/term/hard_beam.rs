@@ -128,7 +128,7 @@ impl HardBeams {
             }
         }
         for point in &points {
-            let Some((leg, nth)) = starts.next_at(point.event) else { continue };
+            let Some((leg, nth)) = starts.next_past(point.vertex) else { continue };
             let start = cx.moving.vertex(cx.scene, &leg.first, nth, &Met::Medium(point.p));
             let partials = own_edge(cx, &cx.scene.beams.ways[point.way], point.p, start);
             let flux = point.flux;

@@ -20,10 +20,10 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let numbers = [s.rng.uniform(), s.rng.uniform(), s.rng.uniform(), s.rng.uniform()];
     let Some((id, y)) = scene.columns.sample(scene, s.o, numbers) else { return };
     let way = &scene.beams.ways[id];
-    let mut points = Vec::new();
     if !beam::may_take(w, way, s.depth + 1) {
         return;
     }
+    let mut points = Vec::new();
     let Some(emission) = beam::emission(scene, way, y, &mut points) else { return };
     let first = w.rec.side_len();
     let Some(sight) = Sight::new(w, s, vertex, y) else { return w.rec.side_truncate(first) };

@@ -8,13 +8,16 @@ use super::record::{End, Recorder};
 use super::vertex::Vertex;
 use super::walk::{State, Walker};
 use crate::math::fold::{self, Fold, MOST};
-use crate::math::fresnel::{Interface, conductor, reflect};
+use crate::math::fresnel::{Interface, conductor};
 use crate::math::{DVec3, Dual, Rgb, V3, warp};
 use crate::scene::Scene;
 use crate::scene::beams::{Step, Way};
 use crate::scene::chains::Chain;
 use crate::surface::Surface;
 use smallvec::SmallVec;
+
+/// How far from a light a line may end, over its length.
+const MISS: f64 = 1e-6;
 
 /// Two coordinates of a light's rays.
 type D2 = Dual<2>;
@@ -79,6 +82,13 @@ fn way(scene: &Scene, chain: &Chain, from: Origin<f64>, x: DVec3) -> Option<(Way
         w = before;
     }
     steps.reverse();
+    // Where the solution is one, the line ends at the light.
+    if let Origin::Position(q) = from {
+        let off = p - q.value();
+        if (off - w * off.dot(w)).length() > MISS * ((x - p).length() + off.length()) {
+            return None;
+        }
+    }
     let gain = spread(&folds, from, w, x)?;
     let shares = steps.iter().zip(&chain.links).fold(Rgb::ONE, |g, (s, l)| {
         let c = s.before.dot(s.n).abs();
@@ -95,18 +105,6 @@ fn way(scene: &Scene, chain: &Chain, from: Origin<f64>, x: DVec3) -> Option<(Way
     let gain = shares * gain;
     let way = Way { light: chain.light, steps, w: arrives, gain };
     (!gain.is_zero() && gain.is_finite()).then_some((way, points))
-}
-
-impl Fold {
-    /// The direction of light behind the plane that travels along w before it; `None` in total reflection.
-    fn behind(&self, w: DVec3) -> Option<DVec3> {
-        if !self.through {
-            return Some(reflect(w, self.n));
-        }
-        let side = if w.dot(self.n) < 0.0 { self.n } else { -self.n };
-        let i = Interface::new(-w.dot(side), self.index[0], self.index[1]);
-        Some(i.refract(V3::constant(w), V3::constant(side))?.value().normalize())
-    }
 }
 
 /// Solid angle at the light (or area across its rays) over the area across the ray at x. `before`: the ray's direction at the light.

@@ -110,6 +110,18 @@ impl Starts {
         })
     }
 
+    /// The leg of the vertex whose event is `v`, and which of its vertices comes behind that one.
+    pub fn next_past(&self, v: usize) -> Option<(&Start, Nth)> {
+        let start = self.0.iter().rev().find(|s| s.begin <= v)?;
+        Some(match (start.place, start.second) {
+            (_, At::Before) => (start, Nth::Later),
+            (_, At::Event(e)) if e <= v => (start, Nth::Later),
+            (At::Nowhere, _) => (start, Nth::First),
+            (At::Event(e), _) if e > v => (start, Nth::First),
+            _ => (start, Nth::Second),
+        })
+    }
+
     /// The leg that event `k` belongs to; `k` must not grow from call to call.
     pub fn at(&mut self, k: usize) -> Option<&Start> {
         while self.0.len() > 1 && self.0.last().is_some_and(|s| k < s.begin) {
