@@ -1,8 +1,8 @@
-//! Light's way from a point through planes: refracted at some, mirrored at others ([T] 6.2).
+//! Light's way from a point through planes: refracted at some, mirrored at others ([T] 6.2, (44) for any number of planes).
 //!
 //! What lies before a mirror is folded over it, so that light goes straight on. What is left, planes that refract, has one solution: by Fermat light takes the shortest optical path
 //! `F = Σ n_i |P_{i+1} - P_i|` over points P_i of the planes, and F is strictly convex in them together (a sum of norms of affine functions), so that Newton's method with steps that descend finds the
-//! only stationary point there is.
+//! only stationary point there is. Where the least path passes through the line in which two planes meet, a piece of no length, F has a kink there, and no light goes that way.
 
 use super::fresnel::{Interface, reflect};
 use super::warp::frame;
@@ -12,7 +12,11 @@ use smallvec::SmallVec;
 /// How steep the path may be, over what it is made of, where Newton's steps need no check.
 const NEAR: f64 = 1e-7;
 /// Least lengths of pieces, over the size of the way, one after the other.
-const SMOOTHING: [f64; 7] = [0.3, 0.1, 0.03, 1e-2, 1e-3, 1e-4, 0.0];
+const SMOOTHING: [f64; 10] = [0.3, 0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8];
+/// A piece this short at the last of them is none: a kink. Shares of a step below the least do not leave one.
+const KINK: f64 = 1e-7;
+const LEAST_STEP: f64 = 1e-12;
+const STEPS: usize = 300;
 /// Planes at most.
 pub const MOST: usize = 4;
 const N: usize = 2 * MOST;
@@ -62,8 +66,19 @@ fn solve(h: &[[f64; N]; N], g: &[f64; N], n: usize) -> Option<[f64; N]> {
     Some(s)
 }
 
+/// What a search came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Arrival {
+    /// The direction of the light at its end.
+    Along(DVec3),
+    /// No light goes that way.
+    Never,
+    /// The search did not settle: to be counted.
+    Unsettled,
+}
+
 /// Direction in which light from `q` that meets these planes in turn arrives at `x`; whether it meets them from the right sides, and within faces, is for others to say.
-pub fn arrival(q: DVec3, planes: &[Fold], x: DVec3) -> Option<DVec3> {
+pub fn arrival(q: DVec3, planes: &[Fold], x: DVec3) -> Arrival {
     let mut q = q;
     let mut list: SmallVec<[(DVec3, DVec3); MOST]> = SmallVec::new();
     let mut index: SmallVec<[f64; MOST]> = SmallVec::new();
@@ -84,7 +99,7 @@ pub fn arrival(q: DVec3, planes: &[Fold], x: DVec3) -> Option<DVec3> {
     }
     let m = list.len();
     if m == 0 {
-        return (x != q).then(|| (x - q).normalize());
+        return if x == q { Arrival::Never } else { Arrival::Along((x - q).normalize()) };
     }
     let start: Points = (0..m)
         .map(|k| {
@@ -94,14 +109,26 @@ pub fn arrival(q: DVec3, planes: &[Fold], x: DVec3) -> Option<DVec3> {
         .collect();
     let frames = list.iter().map(|l| frame(l.1).into()).collect();
     let path = Path { ends: [q, x], index, frames };
-    // Where two planes meet F has a kink, at which steps may get stuck: then they come to it from smoother paths.
-    let gently = || {
-        let size = (x - q).length() + start.iter().map(|p| (*p - q).length()).fold(0.0, f64::max);
-        SMOOTHING.iter().try_fold(start.clone(), |p, s| path.descend(p, s * size))
+    // At a kink steps may get stuck: then they come to it from smoother paths.
+    let size = (x - q).length() + start.iter().map(|p| (*p - q).length()).fold(0.0, f64::max);
+    let gently = || SMOOTHING.iter().try_fold(start.clone(), |p, s| path.descend(p, s * size));
+    let short = |points: &Points| (0..=m).any(|k| path.piece(points, k, 0.0).1 <= KINK * size);
+    let end = |points: Points| if short(&points) { Ok(points) } else { path.descend(points, 0.0) };
+    let found = path.descend(start.clone(), 0.0).or_else(|_| gently().and_then(end));
+    let (points, settled) = match &found {
+        Ok(points) => (points, true),
+        Err(points) => (points, false),
     };
-    let points = path.descend(start.clone(), 0.0).or_else(gently)?;
-    let d = x - points[m - 1];
-    (d.length_squared() > 0.0 && d.is_finite()).then(|| d.normalize())
+    // Snell's law is about what is along a plane: light also has to pass to its other side.
+    let passes = |k: usize| {
+        let [a, b] = [k, k + 1].map(|piece| path.piece(points, piece, 0.0).0.dot(list[k].1));
+        a * b > 0.0
+    };
+    if short(points) || settled && !(0..m).all(passes) {
+        return Arrival::Never;
+    }
+    let d = (x - points[m - 1]).normalize();
+    if settled && d.is_finite() { Arrival::Along(d) } else { Arrival::Unsettled }
 }
 
 type Points = SmallVec<[DVec3; MOST]>;
@@ -125,17 +152,17 @@ impl Path {
         (0..=points.len()).map(|k| self.index[k] * self.piece(points, k, smooth).1).sum()
     }
 
-    /// The lowest points.
-    fn descend(&self, mut points: Points, smooth: f64) -> Option<Points> {
+    /// The lowest points; those that it came to where it got stuck.
+    fn descend(&self, mut points: Points, smooth: f64) -> Result<Points, Points> {
         let m = points.len();
         let weight = self.index.iter().sum::<f64>();
         let mut before = f64::INFINITY;
-        for _ in 0..100 {
+        for _ in 0..STEPS {
             let (mut g, mut h) = ([0.0; N], [[0.0; N]; N]);
             for k in 0..=m {
                 let (d, length) = self.piece(&points, k, smooth);
                 if length == 0.0 {
-                    return None;
+                    return Err(points);
                 }
                 let (e, n) = (d / length, self.index[k]);
                 // Of the plane at its start, and at its end: number, and sign.
@@ -157,10 +184,10 @@ impl Path {
             // Near the end whole steps double the digits; where they bring no more rounding is all that is left.
             let near = steep <= NEAR * weight;
             if steep <= 4.0 * f64::EPSILON * weight || near && steep >= before {
-                return Some(points);
+                return Ok(points);
             }
             before = steep;
-            let s = solve(&h, &g, n)?;
+            let Some(s) = solve(&h, &g, n) else { return Err(points) };
             let moved = |t: f64| -> Points {
                 (0..m)
                     .map(|k| points[k] + (self.frames[k][0] * s[2 * k] + self.frames[k][1] * s[2 * k + 1]) * t)
@@ -175,16 +202,17 @@ impl Path {
             let mut t = 1.0;
             points = loop {
                 let next = moved(t);
-                if self.whole(&next, smooth) <= now + 1e-4 * t * slope {
+                // Armijo's rule, but for rounding.
+                if self.whole(&next, smooth) <= now + 1e-4 * t * slope + 4.0 * f64::EPSILON * now {
                     break next;
                 }
                 t *= 0.5;
-                if t < 1e-12 {
-                    return None;
+                if t < LEAST_STEP {
+                    return Err(points);
                 }
             };
         }
-        None
+        if before <= NEAR * weight { Ok(points) } else { Err(points) }
     }
 }
 
@@ -232,7 +260,7 @@ mod tests {
                 (w, index) = (next.normalize(), behind);
             }
             let x = p + w * (0.2 + rng.uniform());
-            let d = arrival(q, &planes, x).unwrap();
+            let Arrival::Along(d) = arrival(q, &planes, x) else { panic!("{planes:?}") };
             assert!((d - w).length() < 1e-7, "{planes:?}: {d} {w}");
             found += usize::from(planes.len() > 1);
         }

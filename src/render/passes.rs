@@ -224,6 +224,7 @@ fn count(health: &Health, t: &Tally) {
     health.add(Mishap::LightOnRay, t.light_on_ray);
     health.add(Mishap::UnboundedVacuum, t.unbounded_vacuum);
     health.add(Mishap::RejectedNonfinite, t.nonfinite);
+    health.add(Mishap::UnsettledRoots, t.unsettled);
 }
 
 #[cfg(test)]

@@ -17,6 +17,8 @@ use std::f64::consts::FRAC_PI_2;
 /// Chains of a scene at most, and so many that a vertex asks for on average.
 const CHAINS: f64 = 4096.0;
 const ASKED: f64 = 100.0;
+/// Ways that wait to be followed further at most: hundreds of megabytes.
+const WAITING: usize = 1 << 18;
 /// Reflections at glass are asked for so often each: they bring a few per cent, total ones all, but few of very many reach a vertex.
 const REFLECTED: f64 = 0.25;
 const TOTAL: f64 = 0.5;
@@ -38,7 +40,7 @@ pub struct Link {
 impl Link {
     /// Whether a point of its plane lies on it, but for rounding.
     pub fn holds(&self, p: DVec3) -> bool {
-        let slack = |c: DVec3| 1e-9 * (p - c).length();
+        let slack = |c: DVec3| SLACK * (p - c).length();
         self.border.iter().all(|&(c, m)| (p - c).dot(m) >= -slack(c))
     }
 }
@@ -213,12 +215,13 @@ impl Search<'_> {
         let begin = Way { chain: Vec::new(), last: usize::MAX, inside, weak: 0, total: 0, cone: None };
         // By reflections at glass, then by faces.
         let mut open: BTreeMap<(u32, usize), VecDeque<Way>> = BTreeMap::from([((0, 0), VecDeque::from([begin]))]);
-        let (mut listed, mut sum) = (0.0, 0.0);
+        let (mut listed, mut sum, mut waiting) = (0.0, 0.0, 1);
         while let Some(mut first) = open.first_entry() {
             let Some(way) = first.get_mut().pop_front() else {
                 first.remove();
                 continue;
             };
+            waiting -= 1;
             if way.chain.len() > 1 {
                 let asked = REFLECTED.powi(way.weak as i32) * TOTAL.powi(way.total as i32);
                 (listed, sum) = (listed + 1.0, sum + asked);
@@ -234,7 +237,10 @@ impl Search<'_> {
                 }
                 for next in [true, false].map(|through| self.step(from, &way, k, front, through)).into_iter().flatten()
                 {
-                    if next.chain.len() <= longest {
+                    if waiting >= WAITING {
+                        self.found.cut = true;
+                    } else if next.chain.len() <= longest {
+                        waiting += 1;
                         open.entry((next.weak + next.total, next.chain.len())).or_default().push_back(next);
                     } else {
                         self.found.long = true;

@@ -1,8 +1,8 @@
-//! Points of a beam's hard edge, drawn from the vertices of a path: the edge's other technique, beside the crossings of its spans ([`super::hard_beam`]).
+//! Points of a beam's hard edge, drawn from the vertices of a path (term H of [T] section 3, 5.3): the edge's other technique, beside the crossings of its spans ([`super::hard_beam`]).
 //!
 //! In the coordinates of the beam (ρ, φ on its plane, s along its column) the edge's integral as a vertex x sees it is `∫ dφ ds J R g`, g what a unit of volume there brings. Spans of directions
 //! drawn with p(ω) cross it with the density `p(ω) |∂ρ/∂t| J R / d²`, which vanishes where they touch it and is small for narrow beams: by themselves they have no second moment. Points drawn in φ, and in s by the angle
-//! seen from x ([`crate::scene::columns`]), have both; the balance heuristic shares the work out.
+//! seen from x ([`crate::scene::columns`]), have both; the balance heuristic shares the work out ([T] (61)).
 
 use super::hard_beam;
 use crate::light::LightKind;

@@ -7,7 +7,7 @@ use super::pane::{self, Found, Origin};
 use super::record::{End, Recorder};
 use super::vertex::Vertex;
 use super::walk::{State, Walker};
-use crate::math::fold::{self, Fold, MOST};
+use crate::math::fold::{self, Arrival, Fold, MOST};
 use crate::math::fresnel::{Interface, conductor};
 use crate::math::{DVec3, Dual, Rgb, V3, warp};
 use crate::scene::Scene;
@@ -41,7 +41,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         }
         let light = &scene.lights[chain.light as usize];
         let Some(from) = Origin::of(light) else { continue };
-        let Some((mut way, points)) = way(scene, chain, from, s.o) else { continue };
+        let Some((mut way, points)) = way(scene, chain, from, s.o, &mut w.tally.unsettled) else { continue };
         way.gain *= 1.0 / chain.asked;
         let Some(&first) = points.last() else { continue };
         let Some(emission) = light.sample(first, 0.0, 0.0).map(|a| a.emission) else { continue };
@@ -53,11 +53,24 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     }
 }
 
-/// The way to x, and its points from the last one to the first; `None` where it misses a face.
-fn way(scene: &Scene, chain: &Chain, from: Origin<f64>, x: DVec3) -> Option<(Way, SmallVec<[DVec3; MOST]>)> {
+/// The way to x, and its points from the last one to the first; `None` where it misses a face. Searches that do not settle are counted.
+fn way(
+    scene: &Scene,
+    chain: &Chain,
+    from: Origin<f64>,
+    x: DVec3,
+    unsettled: &mut u64,
+) -> Option<(Way, SmallVec<[DVec3; MOST]>)> {
     let folds: SmallVec<[Fold; MOST]> = chain.links.iter().map(|l| l.fold).collect();
     let arrives = match from {
-        Origin::Position(q) => fold::arrival(q.value(), &folds, x)?,
+        Origin::Position(q) => match fold::arrival(q.value(), &folds, x) {
+            Arrival::Along(w) => w,
+            Arrival::Never => return None,
+            Arrival::Unsettled => {
+                *unsettled += 1;
+                return None;
+            }
+        },
         Origin::Infinity(v) => folds.iter().try_fold(v.value(), |w, f| f.behind(w))?,
     };
     // Back from x.
@@ -86,6 +99,7 @@ fn way(scene: &Scene, chain: &Chain, from: Origin<f64>, x: DVec3) -> Option<(Way
     if let Origin::Position(q) = from {
         let off = p - q.value();
         if (off - w * off.dot(w)).length() > MISS * ((x - p).length() + off.length()) {
+            *unsettled += 1;
             return None;
         }
     }

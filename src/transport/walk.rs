@@ -168,6 +168,8 @@ pub struct Tally {
     pub unbounded_vacuum: u64,
     /// Weights that are not numbers: what they would have given is left out.
     pub nonfinite: u64,
+    /// Searches for ways of light that did not settle.
+    pub unsettled: u64,
 }
 
 impl Tally {
@@ -180,6 +182,7 @@ impl Tally {
             missed_boundary: self.missed_boundary + o.missed_boundary,
             unbounded_vacuum: self.unbounded_vacuum + o.unbounded_vacuum,
             nonfinite: self.nonfinite + o.nonfinite,
+            unsettled: self.unsettled + o.unsettled,
         }
     }
 }

@@ -21,18 +21,8 @@ fn caustic(bsdf: &str, light: &str) -> String {
 const GLASS: &str = r#"<bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="milk"/>"#;
 const METAL: &str =
     r#"<bsdf type="conductor"><rgb name="eta" value="0.2,0.9,1.2"/><float name="k" value="2.5"/></bsdf>"#;
-const POINT: &str =
-    r#"<emitter type="point"><point name="position" value="$x, 3, 0"/><float name="intensity" value="10"/></emitter>"#;
 const BEAM: &str = r#"<emitter type="collimated"><transform name="to_world"><lookat origin="4, 3, 0" target="0, 0.2, 0.1" up="0, 1, 0"/></transform>
   <float name="radius" value="$w"/><string name="profile" value="hard"/><float name="irradiance" value="10"/></emitter>"#;
-
-/// A lamp as bright as the point light, of this radius.
-fn lamp(radius: f64) -> String {
-    let radiance = 10.0 / (std::f64::consts::PI * radius * radius);
-    format!(
-        r#"<shape type="sphere"><point name="center" value="$x, 3, 0"/><float name="radius" value="{radius}"/><emitter type="area"><float name="radiance" value="{radiance}"/></emitter></shape>"#
-    )
-}
 
 /// Shadow, caustics and what the milk scatters are those of a small lamp, whose light paths find by chance. The lamp's size blurs what falls on the floor by a twentieth of what is seen.
 #[test]

@@ -22,17 +22,6 @@ fn block(depth: u32, light: &str) -> String {
     )
 }
 
-const POINT: &str =
-    r#"<emitter type="point"><point name="position" value="$x, 3, 0"/><float name="intensity" value="10"/></emitter>"#;
-
-/// A lamp as bright as the point light, of this radius.
-fn lamp(radius: f64) -> String {
-    let radiance = 10.0 / (std::f64::consts::PI * radius * radius);
-    format!(
-        r#"<shape type="sphere"><point name="center" value="$x, 3, 0"/><float name="radius" value="{radius}"/><emitter type="area"><float name="radiance" value="{radiance}"/></emitter></shape>"#
-    )
-}
-
 /// The floor's light is that of a small lamp: what the block lets through, what goes round in it, what the mirror sends back, and what the milk scatters.
 #[test]
 fn a_point_light_is_a_small_lamp() {
@@ -79,4 +68,38 @@ fn longer_chains_are_warned_of() {
     let warns =
         |depth: u32| scene(&block(depth, POINT)).1.warnings.iter().any(|w| w.kind == WarningKind::LightBehindGlass);
     assert!(!warns(6) && warns(7));
+}
+
+/// Faces that lie in one another have no way between them: a warning. A gap mends it.
+#[test]
+fn faces_that_touch_are_warned_of() {
+    let pane = |z: f64| {
+        format!(
+            r#"{POINT}<shape type="cube"><transform name="to_world"><scale x="0.2" y="0.1" z="0.2"/><translate y="{z}"/></transform><bsdf type="dielectric"/></shape>
+  <shape type="cube"><transform name="to_world"><scale x="0.3" y="0.1" z="0.3"/><translate y="4"/></transform><bsdf type="dielectric"/></shape>"#
+        )
+    };
+    let touching = |z: f64| scene(&block(6, &pane(z))).1.chains.touching;
+    assert!(touching(4.2) && !touching(4.21));
+}
+
+/// A block whose front is its inside is met from outside all the same.
+#[test]
+fn blocks_turned_inside_out_have_the_same_chains() {
+    let of = |text: &str| {
+        let chains = scene(text).1.chains;
+        (chains.list.len(), chains.list.iter().map(|c| c.asked).sum::<f64>())
+    };
+    let text = block(5, POINT);
+    let turned = text
+        .replace(
+            r#"<float name="int_ior" value="$n"/><float name="ext_ior" value="1"/>"#,
+            r#"<float name="int_ior" value="1"/><float name="ext_ior" value="$n"/>"#,
+        )
+        .replace(
+            r#"<ref name="interior" id="milk"/></shape>"#,
+            r#"<ref name="exterior" id="milk"/><boolean name="flip_normals" value="true"/></shape>"#,
+        );
+    assert!(turned != text && of(&text).0 > 10);
+    assert_eq!(of(&text), of(&turned));
 }

@@ -162,3 +162,15 @@ pub fn against_differences(text: &str, wrt: &[(&str, f64)], terms: &[&str], spp:
         }
     }
 }
+
+/// A light without extent, and what it is the limit of.
+pub const POINT: &str =
+    r#"<emitter type="point"><point name="position" value="$x, 3, 0"/><float name="intensity" value="10"/></emitter>"#;
+
+/// A lamp as bright as the point light, of this radius.
+pub fn lamp(radius: f64) -> String {
+    let radiance = 10.0 / (std::f64::consts::PI * radius * radius);
+    format!(
+        r#"<shape type="sphere"><point name="center" value="$x, 3, 0"/><float name="radius" value="{radius}"/><emitter type="area"><float name="radiance" value="{radiance}"/></emitter></shape>"#
+    )
+}
