@@ -3,6 +3,10 @@
 //! The film is fixed. Where a camera ray meets a border or an opaque face, that point slides on the ray, `ẋ = u + ṫ w`, `ṫ = <n, v-u>/<n,w>` ((13); u: the
 //! ray's own velocity), and a medium vertex between two such points moves with their affine mix: no face or border is swept on the camera line.
 //!
+//! What the mix does *along* the ray is a matter of choice, as long as it is theirs at both ends: `∫ T σ L_ins dt` does not change as its points slide on their line. In fog the affine one is best, its stretch is constant.
+//! Through a rough field each step along the ray scores `<v, ∇σ>/σ` for nothing, so that there points come to rest within a few of the lengths over which the field changes ([`Moving::settling`]): of the ends' velocities along
+//! the ray `κ(s/ℓ)` and `κ((l-s)/ℓ)` are left, s from the start of l, with κ of [`super::field`]. What goes across the ray is no choice.
+//!
 //! So the first vertex x moves otherwise than the field V around it ([`super::field`]), by `e = ẋ - V(x)`. All later points y of its path move with
 //! `V(y) + κ(‖y-x‖/ρ) E(y)`, E being e at x: their differences stay bounded by their distances (57). The part of e along the face
 //! that the camera ray ends on keeps to that face (on a sphere it is a turn about its centre, on a cylinder one about its axis) and may reach it; ρ keeps the rest, and either part, off
@@ -339,17 +343,34 @@ impl FilmLine<'_> {
         let w = piece.w;
         let (before, length) = ((p - piece.start()).dot(w), piece.t1 - piece.t0);
         let mut first = First { at: Some((p, None)), ..First::default() };
+        let settling = self.moving.settling(piece.medium);
+        let along = outer(w, w);
+        // Shares of an end's velocity across the ray and along it.
+        let mix = |f: f64, k: f64| if f == k { DMat3::IDENTITY * f } else { (DMat3::IDENTITY - along) * f + along * k };
+        // What is left of it along the ray at a distance, with its slope.
+        let left = |d: f64| {
+            let (k, slope) = decay(d / settling);
+            (k, slope / settling)
+        };
         if length.is_finite() {
             let f = (before / length).clamp(0.0, 1.0);
-            first.stretch.add(&b, w / length);
-            first.stretch.add(&a, -w / length);
-            first.velocity = a.mapped(DMat3::from_diagonal(DVec3::splat(1.0 - f))).plus(f, &b);
+            let ([ka, sa], [kb, sb]) = if settling < length {
+                let ((ka, sa), (kb, sb)) = (left(before.max(0.0)), left((length - before).max(0.0)));
+                ([ka, sa], [kb, -sb])
+            } else {
+                ([1.0 - f, -1.0 / length], [f, 1.0 / length])
+            };
+            first.stretch.add(&b, w * sb);
+            first.stretch.add(&a, w * sa);
+            first.velocity = a.mapped(mix(1.0 - f, ka)).plus(1.0, &b.mapped(mix(f, kb)));
         } else if !self.ray.is_still() {
-            // The start's slide all along, and what the ray itself does.
+            // The start's slide, and what the ray itself does.
             let (from, to) = (self.ray.at(piece.start()), self.ray.at(p));
-            first.velocity = a.plus(1.0, &to).plus(-1.0, &from);
             first.stretch.add(&to, w / before);
             first.stretch.add(&from, -w / before);
+            let (k, slope) = if settling.is_finite() { left(before.max(0.0)) } else { (1.0, 0.0) };
+            first.stretch.add(&a, w * slope);
+            first.velocity = a.mapped(mix(1.0, k)).plus(1.0, &to).plus(-1.0, &from);
         }
         first.turn = self.ray.turn(piece.start(), w);
         let face = match piece.to {
@@ -457,3 +478,7 @@ impl First {
         self.excess.is_some()
     }
 }
+
+#[cfg(test)]
+#[path = "first_tests.rs"]
+mod tests;

@@ -24,6 +24,7 @@ use super::velocity::{Rate, Source, Velocity, transposed};
 use crate::error::Result;
 use crate::light::{LightKind, spot_falloff};
 use crate::math::{DVec3, Rgb, gradient};
+use crate::medium::Medium;
 use crate::params::{Covector, ParamSet, Sink, Slot};
 use crate::phase::one_minus_cos;
 use crate::scene::beams::Way;
@@ -50,7 +51,12 @@ pub struct Moving {
     bending: Vec<bool>,
     /// Of faces that others pass through: none where nobody looked.
     inner: Arc<InnerBorders>,
+    /// Of media: over what distance from the ends of a line their points stop to slide along it; infinite where they all do.
+    settling: Vec<f64>,
 }
+
+/// Mean distances over which a field changes by itself, within which points that slide through it come to rest.
+const SETTLING: f64 = 3.0;
 
 impl Moving {
     pub fn new(scene: &Scene, sensor: &Sensor, params: &ParamSet) -> Result<Moving> {
@@ -68,6 +74,8 @@ impl Moving {
         let beams = scene.lights.iter().any(|l| matches!(l.kind, LightKind::Beam { .. }) && l.place.moves(params));
         let changes = camera || beams || !followed.is_empty() || refracting.contains(&true);
         let any = changes || classes.iter().any(Option::is_some);
+        let settles = |m: &Medium| m.density_grid().map_or(f64::INFINITY, |g| SETTLING / g.roughness());
+        let settling = if any { scene.media.iter().map(settles).collect() } else { Vec::new() };
         Ok(Moving {
             any,
             field: Field::new(scene, classes, &bending, &followed)?,
@@ -78,6 +86,7 @@ impl Moving {
             followed,
             bending,
             inner: Arc::default(),
+            settling,
         })
     }
 
@@ -85,6 +94,17 @@ impl Moving {
     #[must_use]
     pub fn with_inner(self, inner: impl Into<Arc<InnerBorders>>) -> Moving {
         Moving { inner: inner.into(), ..self }
+    }
+
+    /// With points that slide all along their lines, in grids too: for comparison.
+    #[must_use]
+    pub fn sliding(self) -> Moving {
+        Moving { settling: Vec::new(), ..self }
+    }
+
+    /// See [`super::first`].
+    pub fn settling(&self, medium: u32) -> f64 {
+        self.settling.get(medium as usize).copied().unwrap_or(f64::INFINITY)
     }
 
     pub fn inner(&self) -> &Arc<InnerBorders> {

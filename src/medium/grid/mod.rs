@@ -16,6 +16,7 @@ mod builder;
 mod field;
 mod integrate;
 mod nodes;
+mod roughness;
 #[cfg(test)]
 mod tests;
 mod traverse;

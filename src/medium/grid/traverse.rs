@@ -63,7 +63,7 @@ impl Ray {
     }
 
     /// The part of [t0, t1] in the half-open box; empty if the first is not below the second.
-    fn clip(&self, lo: DVec3, hi: DVec3, t0: f64, t1: f64) -> (f64, f64) {
+    pub(super) fn clip(&self, lo: DVec3, hi: DVec3, t0: f64, t1: f64) -> (f64, f64) {
         let (mut ta, mut tb) = (t0, t1);
         for a in 0..3 {
             if self.moves(a) {

@@ -289,3 +289,22 @@ fn faults_are_reported() {
     let bad = builder.validate(Allowed::FINITE).unwrap_err();
     assert!(bad.value.is_nan() && bad.count == 1 && bad.index == [15, 14, 12]);
 }
+
+/// A wave of n voxels a radian: `|∇f| / f` has a mean of its own, whichever way the grid is turned and however large it is.
+#[test]
+fn roughness_is_the_mean_slope() {
+    let n = 48;
+    let (a, k) = (0.8, 0.6);
+    let values: Vec<f32> = (0..n * n * n).map(|i| (1.0 + a * (k * f64::from(i % n)).sin()) as f32).collect();
+    let turn = DAffine3::from_axis_angle(DVec3::new(0.3, 0.8, 0.5).normalize(), 0.7);
+    for size in [1.0, 0.01] {
+        let place = turn * DAffine3::from_scale(DVec3::splat(size));
+        let grid = Grid::from_dense(1, [n as usize; 3], &values, place, Filter::Trilinear).unwrap();
+        // The mean of |a k cos| is 2 a k / π, that of the wave 1, per voxel.
+        let truth = 2.0 * a * k / std::f64::consts::PI * f64::from(n) / size;
+        let found = grid.roughness();
+        // Interpolation flattens slopes by 1 - k²/24; lines are few.
+        assert!((found / truth - 1.0).abs() < 0.08, "{found} {truth}");
+    }
+    assert_eq!(Grid::empty(1).roughness(), 0.0);
+}
