@@ -143,7 +143,7 @@ impl Planes {
 
     /// The eye's ray to e; `o`: where one of its rays starts.
     pub fn ray(&self, eye: &Eye, o: DVec3, e: DVec3) -> Way {
-        let size = (e - o).length() + self.planes.iter().map(|p| (p.p - o).length()).sum::<f64>();
+        let size = self.size(o, e);
         if !self.goes_on_to(e, size) {
             return Way::None;
         }
@@ -156,6 +156,19 @@ impl Planes {
             return Way::None;
         }
         self.softly(eye, o, e, size)
+    }
+
+    /// Where the eye's ray to e crosses the planes; `None` where it is not found at once.
+    pub fn crossings(&self, eye: &Eye, o: DVec3, e: DVec3) -> Option<Vec<DVec3>> {
+        let size = self.size(o, e);
+        let mut q = [0.0; UNKNOWNS];
+        let found = self.goes_on_to(e, size) && self.dive(eye, o, e, &mut q, size);
+        found.then(|| (0..self.planes.len()).map(|i| self.point(i, &q)).collect())
+    }
+
+    /// Of a chain to e.
+    fn size(&self, o: DVec3, e: DVec3) -> f64 {
+        (e - o).length() + self.planes.iter().map(|p| (p.p - o).length()).sum::<f64>()
     }
 
     /// Nothing goes on to what lies in the last plane, as the edges of its own face do, or before it.

@@ -4,8 +4,8 @@
 //! bend at spheres, are long, or see little, are left to chance ([`super::shot::draw`]).
 
 use super::fermat::{Planes, Way};
-use super::shot::Eye;
-use super::shot::{self, Place, Shot, Start, Step, Target};
+use super::shot::{self, Eye, Place, Shot, Start, Step, Target};
+use super::shown::{PIECES, Shown, Spot};
 use crate::math::DVec3;
 use crate::math::discrete::Discrete;
 use crate::math::rng::{Purpose, Rng};
@@ -15,11 +15,15 @@ use std::cell::Cell;
 use std::collections::HashMap;
 
 /// Random rays that look for chains.
-const RAYS: u64 = 1 << 13;
+const RAYS: u64 = 1 << 15;
 /// Chains at most: those that were met most often.
-const CHAINS: usize = 64;
+const CHAINS: usize = 128;
 /// Samples at least for chains that are known, and for others.
 const EITHER: f64 = 0.15;
+/// Points of edges at most that all chains together are asked for.
+const POINTS: usize = 1 << 16;
+/// Of a chain that seems to show no edge, what is left of its share.
+const BLIND: f64 = 0.1;
 
 #[derive(Debug)]
 struct Chain {
@@ -27,6 +31,10 @@ struct Chain {
     planes: Planes,
     /// Where a ray that met it starts.
     o: DVec3,
+    /// How often rays met it.
+    rays: usize,
+    /// What it shows of the edges, where that is known.
+    shown: Option<Shown>,
 }
 
 #[derive(Debug)]
@@ -47,7 +55,7 @@ fn finds(planes: &Planes, eye: &Eye, start: Start, chain: &[Specular]) -> bool {
 
 impl KnownChains {
     pub fn find(scene: &Scene, eye: &Eye, place: &Place, random: impl Fn(&mut Rng) -> Option<Start>) -> KnownChains {
-        let mut found: HashMap<Vec<Step>, (usize, Chain)> = HashMap::new();
+        let mut found: HashMap<Vec<Step>, Chain> = HashMap::new();
         let mut rng = Rng::keyed(0, Purpose::Motion as u64, 4, 0);
         let mut all = 0u32;
         for _ in 0..RAYS {
@@ -56,38 +64,70 @@ impl KnownChains {
             all += 1;
             let Some(planes) = Planes::of(scene, &chain).filter(|p| finds(p, eye, start, &chain)) else { continue };
             let steps: Vec<Step> = chain.iter().map(Step::of).collect();
-            let new = || (0, Chain { steps: steps.clone(), planes, o: start.o });
-            found.entry(steps.clone()).or_insert_with(new).0 += 1;
+            let new = || Chain { steps: steps.clone(), planes, o: start.o, rays: 0, shown: None };
+            found.entry(steps.clone()).or_insert_with(new).rays += 1;
         }
-        let mut list: Vec<_> = found.into_values().collect();
-        list.sort_by(|a, b| b.0.cmp(&a.0).then_with(|| a.1.steps.cmp(&b.1.steps)));
+        let mut list: Vec<Chain> = found.into_values().collect();
+        list.sort_by(|a, b| b.rays.cmp(&a.rays).then_with(|| a.steps.cmp(&b.steps)));
         list.truncate(CHAINS);
-        let rays: usize = list.iter().map(|c| c.0).sum();
-        // Half by what they cover, half alike: by narrow ones edges may move as fast.
-        let alike = rays as f64 / list.len().max(1) as f64;
-        let by_rays = Discrete::new(list.iter().map(|c| c.0 as f64 + alike));
+        let rays: usize = list.iter().map(|c| c.rays).sum();
         // As often as rays meet them, but never to the exclusion of either.
         let share = (rays as f64 / f64::from(all.max(1))).clamp(EITHER, 1.0 - EITHER);
         let share = if list.is_empty() { 0.0 } else { share };
-        KnownChains { list: list.into_iter().map(|c| c.1).collect(), by_rays, share }
+        let mut known = KnownChains { list, by_rays: Discrete::default(), share };
+        known.weigh();
+        known
+    }
+
+    /// Half by what chains cover, half alike: by narrow ones edges may move as fast.
+    fn weigh(&mut self) {
+        let rays: usize = self.list.iter().map(|c| c.rays).sum();
+        let alike = rays as f64 / self.list.len().max(1) as f64;
+        let weight = |c: &Chain| {
+            let sees = if c.shown.as_ref().is_some_and(|s| !s.any) { BLIND } else { 1.0 };
+            sees * (c.rays as f64 + alike)
+        };
+        self.by_rays = Discrete::new(self.list.iter().map(weight));
+    }
+
+    /// Find out what chains show of these edges, all that there are, unless they are too many.
+    #[must_use]
+    pub fn look_at(mut self, scene: &Scene, eye: &Eye, edges: &[(usize, [DVec3; 2])]) -> KnownChains {
+        if !edges.is_empty() && self.list.len() * edges.len() * PIECES <= POINTS {
+            for c in &mut self.list {
+                c.shown = Some(Shown::new(scene, eye, (&c.planes, &c.steps, c.o), edges));
+            }
+            self.weigh();
+        }
+        self
+    }
+
+    /// A chain that `u` chooses, with the probability of that.
+    pub fn choose(&self, u: f64) -> (usize, f64) {
+        let (k, probability, _) = self.by_rays.sample(u);
+        (k, probability)
+    }
+
+    /// A place on the edges for this chain; `None` where nobody has looked what it shows.
+    pub fn spot(&self, chain: usize, u: f64) -> Option<Spot> {
+        self.list[chain].shown.as_ref().map(|s| s.sample(u))
     }
 
     pub fn holds(&self, steps: &[Step]) -> bool {
         self.list.iter().any(|c| c.steps == steps)
     }
 
-    /// The shot to e by a chain that `u` chooses, with the probability of that. `lost` counts chains whose ray to e was not found, wherever it goes.
+    /// The shot to e by this chain. `lost` counts chains whose ray to e was not found, wherever it goes.
     pub fn shoot(
         &self,
         scene: &Scene,
         eye: &Eye,
         place: &Place,
         e: DVec3,
-        u: f64,
+        chain: usize,
         lost: &Cell<u64>,
-    ) -> Option<(Shot, f64)> {
-        let (k, probability, _) = self.by_rays.sample(u);
-        let chain = &self.list[k];
+    ) -> Option<Shot> {
+        let chain = &self.list[chain];
         let start = match chain.planes.ray(eye, chain.o, e) {
             Way::Ray(start) => start,
             Way::None => return None,
@@ -96,6 +136,6 @@ impl KnownChains {
                 return None;
             }
         };
-        shot::by(scene, eye, start, place, &chain.steps, &Target::Point(e)).map(|s| (s, probability))
+        shot::by(scene, eye, start, place, &chain.steps, &Target::Point(e))
     }
 }

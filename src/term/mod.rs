@@ -34,6 +34,7 @@ pub mod seen_path;
 pub mod sheet;
 pub mod sheet_samples;
 pub mod shot;
+mod shown;
 pub mod surface_edge;
 pub mod virtual_edge;
 pub mod wedge;

@@ -57,9 +57,9 @@ pub struct Start {
 /// A face of a chain, and whether rays go through it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Step {
-    shape: u32,
-    face: u32,
-    through: bool,
+    pub shape: u32,
+    pub face: u32,
+    pub through: bool,
 }
 
 impl Step {

@@ -21,6 +21,7 @@ use super::known_chains::KnownChains;
 use super::seen_path::{Path, Vertex};
 use super::sheet::Partials;
 use super::shot::{self, Drawn, Eye, Place, Shot, Start, Step, Target};
+use super::shown::Spot;
 use super::{Context, Motion, Room, Sample};
 use crate::math::discrete::Discrete;
 use crate::math::guide::Numbers;
@@ -45,8 +46,9 @@ pub struct VirtualEdge {
     known: KnownChains,
     /// Balls, listed behind the edges.
     balls: Vec<u32>,
-    /// Over edges by length: all, and opaque balls, for shots by way of interfaces.
+    /// Over edges by length: all, and opaque balls, for shots by way of interfaces; and those for the camera's, past which something moves.
     by_length: Discrete,
+    from_camera: Discrete,
     /// Over edges and balls: all, and those that are smooth, for straight lines.
     all: Discrete,
     smooth: Discrete,
@@ -71,7 +73,6 @@ fn sees_rims(scene: &Scene, is_ball: impl Fn(&Instance) -> bool) -> bool {
 
 /// A shot past an edge or a ball, and the probability of the way that it was looked for.
 enum Aimed {
-    /// By a chosen chain: of that, too.
     Known(Shot, f64),
     Drawn(Drawn, f64),
 }
@@ -150,13 +151,28 @@ impl VirtualEdge {
             Discrete::new(edges.chain(balls.iter().map(|&i| if ball(i) { round(i) } else { 0.0 })))
         };
         let area = |&i: &u32| scene.shapes[i as usize].shape.area();
+        let moving = &motion.moving;
+        let turns = |&i: &u32| moving.moves(i) || moving.refracts(scene.shapes[i as usize].surface as usize);
+        // Rays of a camera that stands still, by interfaces that do.
+        let still = moving.film_ray().is_still() && !interfaces.iter().any(turns);
+        let slides = |i: usize| !still || edges.any(i, |s| moving.moves(s));
+        let eye = camera_eye(sensor);
+        let known = KnownChains::find(scene, &eye, &camera_place(sensor), film_ray(sensor, margin));
+        let seen: Vec<(usize, [DVec3; 2])> = (0..edges.len())
+            .filter(|&i| lengths[i] > 0.0 && slides(i))
+            .map(|i| (i, edges.ends(scene, i)))
+            .map(|(i, ends)| (i, [ends.a, ends.b]))
+            .collect();
+        // Chains show edges; past balls others lead.
+        let known = if balls.iter().all(|&i| smooth(i)) { known.look_at(scene, &eye, &seen) } else { known };
         let room = VirtualEdge {
+            from_camera: with_balls(&slides, &|i| !smooth(i) && (!still || moving.moves(i))),
             // Light is the same on both sides of a smooth ball's rim.
             by_length: with_balls(&|_| true, &|i| !smooth(i)),
             all: with_balls(&|_| true, &|_| true),
             smooth: with_balls(&|i| edges.any(i, smooth), &smooth),
             by_area: Discrete::new(interfaces.iter().map(area)),
-            known: KnownChains::find(scene, &camera_eye(sensor), &camera_place(sensor), film_ray(sensor, margin)),
+            known,
             edges,
             balls,
             interfaces,
@@ -293,11 +309,14 @@ impl VirtualEdge {
             Some(Start { o: v.p(), w: (p - v.p()).try_normalize()? })
         };
         let begins = |_: &Context, s: &Shot| Some((v.scatter(scene, s.start.w) * v.weight, film));
-        let (u, far) = (rng.uniform(), v.depth + 1);
+        if self.by_length.total <= 0.0 {
+            return;
+        }
+        let (spot, far) = (Spot::of(&self.by_length, rng.uniform()), v.depth + 1);
         let aim = |rng: &mut Rng, target: &Target| {
             shot::draw(scene, &eye, &place, target, rng, random, |_| false).map(|d| Aimed::Drawn(d, 1.0))
         };
-        let found = self.through(cx, &eye, &place, start, u, far, rng, random, aim, begins);
+        let found = self.through(cx, &eye, &place, start, spot, far, rng, random, aim, begins);
         if let Some((flux, film, partials)) = found {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
         }
@@ -310,7 +329,7 @@ impl VirtualEdge {
         eye: &Eye,
         place: &Place,
         start: impl Fn(&Context, DVec3) -> MovingRay,
-        u: f64,
+        spot: Spot,
         more: u32,
         rng: &mut Rng,
         random: impl Fn(&mut Rng) -> Option<Start>,
@@ -318,18 +337,14 @@ impl VirtualEdge {
         begins: impl Fn(&Context, &Shot) -> Option<(Rgb, [f64; 2])>,
     ) -> Option<(Rgb, [f64; 2], Partials)> {
         let scene = cx.scene;
-        if self.by_length.total <= 0.0 {
-            return None;
-        }
-        let (k, probability, t) = self.by_length.sample(u);
-        let outline = match k.checked_sub(self.edges.len()) {
-            None => Outline::Edge(self.edges.get(scene, k)),
+        let outline = match spot.edge.checked_sub(self.edges.len()) {
+            None => Outline::Edge(self.edges.get(scene, spot.edge)),
             Some(k) => match &scene.shapes[self.balls[k] as usize].shape {
                 Shape::Sphere(s) => Outline::Ball(self.balls[k], s),
                 _ => return None,
             },
         };
-        let target = outline.target(t, rng);
+        let target = outline.target(spot.t, rng);
         let aimed = aim(rng, &target)?;
         let shot = match &aimed {
             Aimed::Known(shot, _) => shot,
@@ -361,7 +376,7 @@ impl VirtualEdge {
             cx.tally.missed_boundary += 1;
             return None;
         };
-        let flux = jump * begins * shot.weight * (length * trials / (shot.spread * probability));
+        let flux = jump * begins * shot.weight * (length * trials / (shot.spread * spot.density));
         Some((flux, film, held(cx, &ray, shot.e, facing.n, grazed)))
     }
 
@@ -448,21 +463,27 @@ impl Room for VirtualEdge {
         let start = |cx: &Context, _: DVec3| cx.moving.film_ray().clone();
         let share = self.known.share;
         let lost = Cell::new(0);
+        if self.from_camera.total <= 0.0 {
+            return;
+        }
+        let chain = (lead[1] < share).then(|| self.known.choose(lead[1] / share));
+        let guided = chain.and_then(|(k, _)| self.known.spot(k, lead[0]));
+        let spot = guided.unwrap_or_else(|| Spot::of(&self.from_camera, lead[0]));
         let aim = |rng: &mut Rng, target: &Target| {
             let draw = |rng: &mut Rng, is_known: &dyn Fn(&[Step]) -> bool| {
                 shot::draw(scene, &eye, &place, target, rng, &random, is_known)
             };
-            match *target {
+            match (target, chain) {
                 // Known chains have one ray to a point, but several past a ball.
-                Target::Ball { .. } => draw(rng, &|_| false).map(|d| Aimed::Drawn(d, 1.0)),
-                Target::Point(e) if lead[1] < share => {
-                    let (shot, p) = self.known.shoot(scene, &eye, &place, e, lead[1] / share, &lost)?;
+                (Target::Ball { .. }, _) => draw(rng, &|_| false).map(|d| Aimed::Drawn(d, 1.0)),
+                (Target::Point(e), Some((k, p))) => {
+                    let shot = self.known.shoot(scene, &eye, &place, *e, k, &lost)?;
                     Some(Aimed::Known(shot, share * p))
                 }
-                Target::Point(_) => draw(rng, &|c| self.known.holds(c)).map(|d| Aimed::Drawn(d, 1.0 - share)),
+                (Target::Point(_), None) => draw(rng, &|c| self.known.holds(c)).map(|d| Aimed::Drawn(d, 1.0 - share)),
             }
         };
-        let found = self.through(cx, &eye, &place, start, lead[0], 0, rng, &random, aim, begins);
+        let found = self.through(cx, &eye, &place, start, spot, 0, rng, &random, aim, begins);
         cx.tally.missed_boundary += lost.get();
         if let Some((flux, film, partials)) = found {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 0.0, outward: 1.0 });
