@@ -90,11 +90,12 @@ impl KnownChains {
         self.by_rays = Discrete::new(self.list.iter().map(weight));
     }
 
-    /// Find out what chains show of these edges, all that there are, unless they are too many.
+    /// Find out what chains show of these edges, all that there are: those that were met most often, as far as the points go.
     #[must_use]
     pub fn look_at(mut self, scene: &Scene, eye: &Eye, edges: &[(usize, [DVec3; 2])]) -> KnownChains {
-        if !edges.is_empty() && self.list.len() * edges.len() * PIECES <= POINTS {
-            for c in &mut self.list {
+        let chains = POINTS / (edges.len().max(1) * (PIECES + 1));
+        if !edges.is_empty() {
+            for c in self.list.iter_mut().take(chains) {
                 c.shown = Some(Shown::new(scene, eye, (&c.planes, &c.steps, c.o), edges));
             }
             self.weigh();

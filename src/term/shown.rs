@@ -61,9 +61,9 @@ fn margins(scene: &Scene, planes: &Planes, steps: &[Step], eye: &Eye, o: DVec3, 
         with_corners(&instance.shape, step.face, |corners| {
             let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
             for [a, b] in border(corners) {
-                let along = (b - a).normalize();
+                let Some(along) = (b - a).try_normalize() else { continue };
                 let across = |q: DVec3| (q - a) - along * (q - a).dot(along);
-                let inward = across(center).normalize();
+                let Some(inward) = across(center).try_normalize() else { continue };
                 all.push(inward.dot(p - a));
             }
         });
@@ -82,7 +82,8 @@ fn window(a: &Margins, b: &Margins) -> Option<[f64; 2]> {
             (true, false) => hi = hi.min(a / (a - b)),
         }
     }
-    (lo <= hi).then_some([lo, hi])
+    // What excludes each other by little as straight lines may not as curves.
+    (lo <= hi + WIDER).then_some([lo.min(hi), lo.max(hi)])
 }
 
 impl Shown {

@@ -46,8 +46,9 @@ pub struct VirtualEdge {
     known: KnownChains,
     /// Balls, listed behind the edges.
     balls: Vec<u32>,
-    /// Over edges by length: all, and opaque balls, for shots by way of interfaces; and those for the camera's, past which something moves.
+    /// Over edges by length, and opaque balls, for shots by way of interfaces.
     by_length: Discrete,
+    /// Of these, what the camera's shots can see a motion past.
     from_camera: Discrete,
     /// Over edges and balls: all, and those that are smooth, for straight lines.
     all: Discrete,
@@ -73,6 +74,7 @@ fn sees_rims(scene: &Scene, is_ball: impl Fn(&Instance) -> bool) -> bool {
 
 /// A shot past an edge or a ball, and the probability of the way that it was looked for.
 enum Aimed {
+    /// By a chosen chain: of that choice, too.
     Known(Shot, f64),
     Drawn(Drawn, f64),
 }
@@ -469,12 +471,13 @@ impl Room for VirtualEdge {
         let chain = (lead[1] < share).then(|| self.known.choose(lead[1] / share));
         let guided = chain.and_then(|(k, _)| self.known.spot(k, lead[0]));
         let spot = guided.unwrap_or_else(|| Spot::of(&self.from_camera, lead[0]));
+        debug_assert!(guided.is_none() || self.balls.iter().all(|&i| is_smooth(scene, i)));
         let aim = |rng: &mut Rng, target: &Target| {
             let draw = |rng: &mut Rng, is_known: &dyn Fn(&[Step]) -> bool| {
                 shot::draw(scene, &eye, &place, target, rng, &random, is_known)
             };
             match (target, chain) {
-                // Known chains have one ray to a point, but several past a ball.
+                // Known chains have one ray to a point, but several past a ball: those come from the one table that all share.
                 (Target::Ball { .. }, _) => draw(rng, &|_| false).map(|d| Aimed::Drawn(d, 1.0)),
                 (Target::Point(e), Some((k, p))) => {
                     let shot = self.known.shoot(scene, &eye, &place, *e, k, &lost)?;

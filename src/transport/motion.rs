@@ -97,6 +97,7 @@ impl Moving {
     }
 
     /// With points that slide all along their lines, in grids too: for comparison.
+    #[cfg(test)]
     #[must_use]
     pub fn sliding(self) -> Moving {
         Moving { settling: Vec::new(), ..self }

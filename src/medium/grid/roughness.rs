@@ -10,7 +10,7 @@ const LINES: u64 = 512;
 
 impl Grid {
     /// `∫ |∇f| / ∫ f` (channel 0, not negative, world space, 1/length): the mean size of `∇f / f` where f weighs; 0 where there is nothing.
-    /// Estimated from the same lines every time: points of theirs are drawn by f, lines weigh what they hold.
+    /// Estimated from the same lines every time, through points of its box: points of theirs are drawn by f, lines weigh what they hold (so points count by f and by the mean length of lines through them).
     pub fn roughness(&self) -> f64 {
         let Some((place, _)) = self.unit_box() else { return 0.0 };
         let (mut slopes, mut whole) = (0.0, 0.0);
