@@ -140,3 +140,54 @@ impl KnownChains {
         shot::by(scene, eye, start, place, &chain.steps, &Target::Point(e))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::compile::LoadOptions;
+    use crate::scene::desc::SceneDesc;
+    use std::path::Path;
+
+    /// scenes/mirror_edge: drawn by windows, places on the board's edges are seen by chains that show less than a twentieth of them far more often than drawn by length; how much of the edges is seen, summed over all chains, is the same.
+    #[test]
+    fn windows_find_what_chains_show() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/mirror_edge/scene.xml");
+        let desc = SceneDesc::parse(&std::fs::read_to_string(&path).unwrap(), &path, &[]).unwrap();
+        let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap();
+        let sensor = &scene.sensors[0];
+        let (o, _) = sensor.ray(0.0, 0.0);
+        let (eye, place) = (Eye::Point(o), Place::within(sensor.medium));
+        let random = |rng: &mut Rng| {
+            let (o, w) = sensor.ray(16.0 * rng.uniform(), 16.0 * rng.uniform());
+            Some(Start { o, w })
+        };
+        let corners = crate::shape::edges::with_corners(&scene.shapes[0].shape, 0, <[DVec3]>::to_vec).unwrap();
+        let edges: Vec<(usize, [DVec3; 2])> = crate::shape::edges::border(&corners).enumerate().collect();
+        let known = KnownChains::find(&scene, &eye, &place, random).look_at(&scene, &eye, &edges);
+        let length = |e: usize| (edges[e].1[1] - edges[e].1[0]).length();
+        let all: f64 = (0..edges.len()).map(length).sum();
+        let by_length = Discrete::new((0..edges.len()).map(length));
+        let n = 600;
+        let (mut narrow, mut seen) = ([0; 2], [0.0; 2]);
+        for chain in 0..known.list.len() {
+            let mut hits = [0; 2];
+            for k in 0..n {
+                let u = (f64::from(k) + 0.5) / f64::from(n);
+                let spots = [Spot::of(&by_length, u), known.spot(chain, u).unwrap()];
+                for (i, s) in spots.into_iter().enumerate() {
+                    let [a, b] = edges[s.edge].1;
+                    let lost = Cell::new(0);
+                    if known.shoot(&scene, &eye, &place, a.lerp(b, s.t), chain, &lost).is_some() {
+                        hits[i] += 1;
+                        seen[i] += length(s.edge) / (s.density * f64::from(n) * all);
+                    }
+                }
+            }
+            if hits[0] <= n / 20 {
+                (narrow[0], narrow[1]) = (narrow[0] + hits[0], narrow[1] + hits[1]);
+            }
+        }
+        assert!(narrow[0] > 20 && narrow[1] > 3 * narrow[0], "{narrow:?}");
+        assert!((seen[1] / seen[0] - 1.0).abs() < 0.03, "{seen:?}");
+    }
+}
