@@ -275,7 +275,7 @@ impl FilmLine<'_> {
     pub fn end(&self, p: DVec3, w: DVec3, stop: &Stop) -> Velocity {
         let own = self.ray.at(p);
         match stop {
-            Stop::Free => own,
+            Stop::Free | Stop::Open => own,
             Stop::Border(n) => own.mapped(onto(*n, w)),
             Stop::Opaque { shape, face, n } => {
                 let on = own.mapped(onto(*n, w));

@@ -108,3 +108,37 @@ fn points_that_come_to_rest_give_the_same_with_less_noise() {
     // The second moment of scores, points drawn by what they send.
     assert!(noise < 0.7 * more, "{noise} {more}");
 }
+
+/// A camera that turns in a smoke which ends nowhere: the further away, the faster its points move across it.
+#[test]
+fn rays_without_an_end_turn_with_the_camera() {
+    let at = |pan: f64| {
+        let text = format!(
+            r#"<scene version="3.0.0"><default name="pan" value="{pan}"/><integrator type="volpath"/>
+  <medium type="heterogeneous" id="smoke"><volume name="sigma_t" type="openvdb"><string name="filename" value="scenes/fire/blender_fire_0032.vdb"/>
+    <string name="grid_name" value="density"/></volume></medium>
+  <sensor type="perspective"><float name="fov" value="40"/><transform name="to_world"><rotate y="1" angle="$pan"/>
+    <lookat origin="5.2, -4.6, 1.7" target="1.0, 1.0, 2.0" up="0, 0, 1"/></transform><ref name="medium" id="smoke"/>
+    <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film></sensor><emitter type="constant"/></scene>"#
+        );
+        let desc = SceneDesc::parse(&text, Path::new("smoke.xml"), &[]).unwrap();
+        let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap();
+        let (o, w) = scene.sensors[0].ray(4.6, 3.4);
+        let (line, hit) = Line::to_surface(&scene, o, w, &On::default(), scene.sensors[0].medium, true).unwrap();
+        assert!(hit.is_none() && line.parts[0].span.t1 == f64::INFINITY);
+        (desc, scene, line)
+    };
+    let h = 1e-3;
+    let truth = (at(h).2.total[0] - at(-h).2.total[0]) / (2.0 * h);
+    let (desc, scene, line) = at(0.0);
+    let params = scene.param_set(&desc, &["pan".to_string()]).unwrap();
+    let sensor = &scene.sensors[0];
+    let moving = Moving::new(&scene, sensor, &params).unwrap();
+    let piece = Piece::of(&scene, &line.parts[0].span).unwrap();
+    let mut sink = Forward::new(&params);
+    for (v, form) in moving.film_line(&scene).ends(&piece).iter().zip(piece.depth_forms(&scene)) {
+        v.apply(&scene, sensor, &form, &mut sink);
+    }
+    let d = sink.image[0][0];
+    assert!(truth.abs() > 1e-3 && (d - truth).abs() < 1e-3 * truth.abs(), "{d} {truth}");
+}

@@ -19,6 +19,8 @@ use crate::shape::Geometry;
 pub enum Stop {
     /// Nothing: a vertex, or the camera.
     Free,
+    /// Nothing, and behind it nothing is left of a grid that has no border: the ray goes on.
+    Open,
     /// A border that stands still, of this normal: an interface, or the box at which a grid ends.
     Border(DVec3),
     /// A face of an opaque shape.
@@ -70,6 +72,12 @@ impl Piece {
                 }
                 if hi < t1 - slack {
                     (piece.t1, piece.to) = (hi, border(hi));
+                }
+            } else if t1 == f64::INFINITY {
+                // Its points move otherwise the further a ray that turns has gone.
+                let hi = grid.clip_ray(o, w, t0, t1).1;
+                if hi.is_finite() {
+                    (piece.t1, piece.to) = (hi, Stop::Open);
                 }
             }
         }
