@@ -37,7 +37,7 @@ struct Chain {
     shown: Option<Shown>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct KnownChains {
     list: Vec<Chain>,
     by_rays: Discrete,
@@ -91,8 +91,7 @@ impl KnownChains {
     }
 
     /// Find out what chains show of these edges, all that there are: those that were met most often, as far as the points go.
-    #[must_use]
-    pub fn look_at(mut self, scene: &Scene, eye: &Eye, edges: &[(usize, [DVec3; 2])]) -> KnownChains {
+    pub fn look_at(&mut self, scene: &Scene, eye: &Eye, edges: &[(usize, [DVec3; 2])]) {
         let chains = POINTS / (edges.len().max(1) * (PIECES + 1));
         if !edges.is_empty() {
             for c in self.list.iter_mut().take(chains) {
@@ -100,7 +99,6 @@ impl KnownChains {
             }
             self.weigh();
         }
-        self
     }
 
     /// A chain that `u` chooses, with the probability of that.
@@ -163,7 +161,8 @@ mod tests {
         };
         let corners = crate::shape::edges::with_corners(&scene.shapes[0].shape, 0, <[DVec3]>::to_vec).unwrap();
         let edges: Vec<(usize, [DVec3; 2])> = crate::shape::edges::border(&corners).enumerate().collect();
-        let known = KnownChains::find(&scene, &eye, &place, random).look_at(&scene, &eye, &edges);
+        let mut known = KnownChains::find(&scene, &eye, &place, random);
+        known.look_at(&scene, &eye, &edges);
         let length = |e: usize| (edges[e].1[1] - edges[e].1[0]).length();
         let all: f64 = (0..edges.len()).map(length).sum();
         let by_length = Discrete::new((0..edges.len()).map(length));

@@ -51,24 +51,30 @@ pub struct Shown {
     pub any: bool,
 }
 
+/// A border of a face: a point of it, and the unit direction to the inside.
+type Inward = (DVec3, DVec3);
+
+/// The borders of a flat face; those of no length, or through its middle, bound nothing.
+fn inwards(scene: &Scene, step: &Step) -> Vec<Inward> {
+    let of = |corners: &[DVec3]| {
+        let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
+        let inward = |[a, b]: [DVec3; 2]| {
+            let along = (b - a).try_normalize()?;
+            let off = center - a;
+            Some((a, (off - along * off.dot(along)).try_normalize()?))
+        };
+        border(corners).filter_map(inward).collect()
+    };
+    with_corners(&scene.shapes[step.shape as usize].shape, step.face, of).unwrap_or_default()
+}
+
 /// How far the crossings lie within the borders of their faces, face by face and border by border.
 type Margins = Vec<f64>;
 
-fn margins(scene: &Scene, planes: &Planes, steps: &[Step], eye: &Eye, o: DVec3, e: DVec3) -> Option<Margins> {
-    let mut all = Vec::new();
-    for (p, step) in planes.crossings(eye, o, e)?.into_iter().zip(steps) {
-        let instance = &scene.shapes[step.shape as usize];
-        with_corners(&instance.shape, step.face, |corners| {
-            let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
-            for [a, b] in border(corners) {
-                let Some(along) = (b - a).try_normalize() else { continue };
-                let across = |q: DVec3| (q - a) - along * (q - a).dot(along);
-                let Some(inward) = across(center).try_normalize() else { continue };
-                all.push(inward.dot(p - a));
-            }
-        });
-    }
-    Some(all)
+fn margins(planes: &Planes, faces: &[Vec<Inward>], eye: &Eye, o: DVec3, e: DVec3) -> Option<Margins> {
+    let crossings = planes.crossings(eye, o, e)?;
+    let of = |(p, face): (DVec3, &Vec<Inward>)| face.iter().map(|&(a, n)| n.dot(p - a)).collect::<Vec<_>>();
+    Some(crossings.into_iter().zip(faces).flat_map(of).collect())
 }
 
 /// Where between two points, whose margins are given, all of them are positive.
@@ -94,11 +100,12 @@ impl Shown {
         (planes, steps, o): (&Planes, &[Step], DVec3),
         edges: &[(usize, [DVec3; 2])],
     ) -> Shown {
+        let faces: Vec<Vec<Inward>> = steps.iter().map(|s| inwards(scene, s)).collect();
         let (mut parts, mut lengths) = (Vec::new(), Vec::new());
         for &(edge, [a, b]) in edges {
             let at = |j: usize| j as f64 / PIECES as f64;
             let known: Vec<Option<Margins>> =
-                (0..=PIECES).map(|j| margins(scene, planes, steps, eye, o, a.lerp(b, at(j)))).collect();
+                (0..=PIECES).map(|j| margins(planes, &faces, eye, o, a.lerp(b, at(j)))).collect();
             for j in 0..PIECES {
                 let open = match (&known[j], &known[j + 1]) {
                     (Some(a), Some(b)) => window(a, b).map(|[lo, hi]| [(lo - WIDER).max(0.0), (hi + WIDER).min(1.0)]),

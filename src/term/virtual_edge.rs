@@ -158,17 +158,20 @@ impl VirtualEdge {
         // Rays of a camera that stands still, by interfaces that do.
         let still = moving.film_ray().is_still() && !interfaces.iter().any(turns);
         let slides = |i: usize| !still || edges.any(i, |s| moving.moves(s));
-        let eye = camera_eye(sensor);
-        let known = KnownChains::find(scene, &eye, &camera_place(sensor), film_ray(sensor, margin));
-        let seen: Vec<(usize, [DVec3; 2])> = (0..edges.len())
-            .filter(|&i| lengths[i] > 0.0 && slides(i))
-            .map(|i| (i, edges.ends(scene, i)))
-            .map(|(i, ends)| (i, [ends.a, ends.b]))
-            .collect();
-        // Chains show edges; past balls others lead.
-        let known = if balls.iter().all(|&i| smooth(i)) { known.look_at(scene, &eye, &seen) } else { known };
+        let from_camera = with_balls(&slides, &|i| !smooth(i) && (!still || moving.moves(i)));
+        let mut known = KnownChains::default();
+        if from_camera.total > 0.0 {
+            let eye = camera_eye(sensor);
+            known = KnownChains::find(scene, &eye, &camera_place(sensor), film_ray(sensor, margin));
+            // Chains show edges; past balls others lead.
+            if balls.iter().all(|&i| smooth(i)) {
+                let seen = (0..edges.len()).filter(|&i| lengths[i] > 0.0 && slides(i));
+                let ends = seen.map(|i| (i, edges.ends(scene, i))).map(|(i, e)| (i, [e.a, e.b]));
+                known.look_at(scene, &eye, &ends.collect::<Vec<_>>());
+            }
+        }
         let room = VirtualEdge {
-            from_camera: with_balls(&slides, &|i| !smooth(i) && (!still || moving.moves(i))),
+            from_camera,
             // Light is the same on both sides of a smooth ball's rim.
             by_length: with_balls(&|_| true, &|i| !smooth(i)),
             all: with_balls(&|_| true, &|_| true),

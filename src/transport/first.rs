@@ -339,39 +339,29 @@ impl FilmLine<'_> {
     pub fn medium(&self, p: DVec3, span: &MediumSpan, later: Later) -> First {
         let Some(piece) = Piece::of(self.scene, span) else { return First::default() };
         let piece = piece.smooth_at(self.scene, (p - piece.o).dot(piece.w));
-        let [a, b] = self.ends(&piece);
         let w = piece.w;
-        let (before, length) = ((p - piece.start()).dot(w), piece.t1 - piece.t0);
-        let mut first = First { at: Some((p, None)), ..First::default() };
-        let settling = self.moving.settling(piece.medium);
         let along = outer(w, w);
-        // Shares of an end's velocity across the ray and along it.
-        let mix = |f: f64, k: f64| if f == k { DMat3::IDENTITY * f } else { (DMat3::IDENTITY - along) * f + along * k };
-        // What is left of it along the ray at a distance, with its slope.
+        let [a, b] = self.ends(&piece).map(|v| v.mapped(along));
+        let (before, length) = ((p - piece.start()).dot(w).max(0.0), piece.t1 - piece.t0);
+        let behind = (length - before).max(0.0);
+        let settling = self.moving.settling(piece.medium);
+        // What is left of an end's velocity along the ray at a distance from it, with its slope.
         let left = |d: f64| {
             let (k, slope) = decay(d / settling);
             (k, slope / settling)
         };
-        if length.is_finite() {
-            let f = (before / length).clamp(0.0, 1.0);
-            let ([ka, sa], [kb, sb]) = if settling < length {
-                let ((ka, sa), (kb, sb)) = (left(before.max(0.0)), left((length - before).max(0.0)));
-                ([ka, sa], [kb, -sb])
-            } else {
-                ([1.0 - f, -1.0 / length], [f, 1.0 / length])
-            };
-            first.stretch.add(&b, w * sb);
-            first.stretch.add(&a, w * sa);
-            first.velocity = a.mapped(mix(1.0 - f, ka)).plus(1.0, &b.mapped(mix(f, kb)));
-        } else if !self.ray.is_still() {
-            // The start's slide, and what the ray itself does.
-            let (from, to) = (self.ray.at(piece.start()), self.ray.at(p));
-            first.stretch.add(&to, w / before);
-            first.stretch.add(&from, -w / before);
-            let (k, slope) = if settling.is_finite() { left(before.max(0.0)) } else { (1.0, 0.0) };
-            first.stretch.add(&a, w * slope);
-            first.velocity = a.mapped(mix(1.0, k)).plus(1.0, &to).plus(-1.0, &from);
-        }
+        let ((ka, sa), (kb, sb)) = if settling < length {
+            (left(before), left(behind))
+        } else if length.is_finite() {
+            ((behind / length, -1.0 / length), (before / length, -1.0 / length))
+        } else {
+            ((1.0, 0.0), (0.0, 0.0))
+        };
+        let mut first = First { at: Some((p, None)), ..First::default() };
+        first.stretch.add(&a, w * sa);
+        first.stretch.add(&b, -w * sb);
+        // Across the ray it is the ray's own, all ends slide along it only.
+        first.velocity = self.ray.at(p).mapped(DMat3::IDENTITY - along).plus(ka, &a).plus(kb, &b);
         first.turn = self.ray.turn(piece.start(), w);
         let face = match piece.to {
             Stop::Opaque { shape, face, n } => Some((shape, face, n)),

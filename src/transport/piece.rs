@@ -110,7 +110,7 @@ impl Piece {
         self.o + self.w * self.t1
     }
 
-    /// `τ̇ = <g0, ȧ> + <g1, ḃ>`, per channel; of a piece without end all points move alike, with ȧ.
+    /// `τ̇ = <g0, ȧ> + <g1, ḃ>`, per channel; of a piece without end, which lets no light through if anything is on it, all points move alike, with ȧ.
     pub fn depth_forms(&self, scene: &Scene) -> [Covector; 2] {
         let m = &scene.media[self.medium as usize];
         let (mut g0, mut g1) = (Covector::default(), Covector::default());

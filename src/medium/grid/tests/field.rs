@@ -290,7 +290,7 @@ fn faults_are_reported() {
     assert!(bad.value.is_nan() && bad.count == 1 && bad.index == [15, 14, 12]);
 }
 
-/// A wave of n voxels a radian: `|∇f| / f` has a mean of its own, whichever way the grid is turned and however large it is.
+/// A wave of k radians a voxel: the mean of `|∇f|` over that of f is known, whichever way the grid is turned and however large it is.
 #[test]
 fn roughness_is_the_mean_slope() {
     let n = 48;
