@@ -42,6 +42,14 @@ pub enum LightKind {
     Envmap(Box<Envmap>),
 }
 
+/// Where light without extent comes from, or a beam.
+#[derive(Clone, Copy, Debug)]
+pub enum Origin<R> {
+    Position(V3<R>),
+    /// From infinity, travelling along this unit vector.
+    Infinity(V3<R>),
+}
+
 #[derive(Clone, Debug)]
 pub struct Light {
     pub name: String,
@@ -179,6 +187,30 @@ impl Light {
             LightKind::Directional { direction } => Some(-direction),
             _ => None,
         }
+    }
+
+    /// Where its rays come from, if one ray of it at most reaches a point straight.
+    pub fn origin(&self) -> Option<Origin<f64>> {
+        match self.kind {
+            LightKind::Point { position } | LightKind::Spot { position, .. } => {
+                Some(Origin::Position(V3::constant(position)))
+            }
+            LightKind::Directional { direction } | LightKind::Beam { direction, .. } => {
+                Some(Origin::Infinity(V3::constant(direction)))
+            }
+            LightKind::Area { .. } | LightKind::Constant | LightKind::Envmap(_) => None,
+        }
+    }
+
+    /// What such a light sends toward a point: intensity, or irradiance across its rays.
+    pub fn emission_toward(&self, p: DVec3) -> Option<Emission> {
+        let LightKind::Beam { position, direction, radius, gaussian } = self.kind else {
+            return self.sample(p, 0.0, 0.0).map(|a| a.emission);
+        };
+        let m = p - position;
+        let along = m.dot(direction);
+        let e = beam_profile((m - direction * along).length(), radius, gaussian);
+        (along >= 0.0 && e > 0.0).then(|| self.emission(Rgb::splat(e)))
     }
 
     /// Arrival from a position, `d` from the point to it, at full intensity.

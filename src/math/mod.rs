@@ -1,5 +1,6 @@
-//! Numbers: dual numbers, random streams, warps, colours, black bodies, statistics, nearest points. Imports glam only.
+//! Numbers: dual numbers, random streams, warps, colours, black bodies, statistics, nearest points, pencils of rays. Imports glam only.
 
+pub mod ball_tree;
 pub mod ball_ways;
 pub mod blackbody;
 pub mod discrete;
@@ -9,6 +10,7 @@ pub mod fold;
 pub mod fresnel;
 pub mod guide;
 pub mod nearest;
+pub mod pencil;
 pub mod real;
 pub mod rgb;
 pub mod rng;

@@ -1,6 +1,7 @@
 //! Warnings that need the whole scene: cameras and lights in media that they do not name.
 
 use super::beams::is_flat;
+use super::chains::has_flat_faces;
 use super::parts::{Parts, SurfacePart};
 use super::{On, Scene};
 use crate::error::{Span, Warning, WarningKind};
@@ -67,17 +68,20 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
                 }
                 continue;
             }
-            let known = |s: &Shape| is_flat(s) || all_of_ball && matches!(s, Shape::Sphere(_));
-            let followed = |s: &&super::Instance| !scene.surfaces[s.surface as usize].is_smooth() || known(&s.shape);
+            let known = |s: &super::Instance| has_flat_faces(s) || all_of_ball && matches!(s.shape, Shape::Sphere(_));
+            let followed = |s: &&super::Instance| !scene.surfaces[s.surface as usize].is_smooth() || known(s);
             if let Some(s) = scene.shapes.iter().find(|s| beam && !followed(s)) {
                 found.push(warning(
                     WarningKind::LightBehindGlass,
                     &part.span,
                     format!("of what beam `{}` sends by way of `{}` not all is in the picture yet", l.name, s.name),
-                    "beams are followed at rectangles, disks and cubes, and by one ball".into(),
+                    "beams are followed at rectangles, disks, cubes and meshes with face normals, and by one ball"
+                        .into(),
                 ));
             }
             let chains = &scene.chains;
+            let by_facets =
+                scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth() && !is_flat(&s.shape));
             let left_out = [
                 (
                     chains.touching,
@@ -87,7 +91,8 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
                 (
                     chains.cut,
                     "by some of very many sequences of flat faces".into(),
-                    "use fewer panes and mirrors, or fewer lights without extent".into(),
+                    "use fewer panes, mirrors and facets, or fewer lights without extent; or set a smaller max_depth"
+                        .into(),
                 ),
                 (
                     chains.long,
@@ -95,8 +100,10 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
                     format!("set max_depth to {} or less, which leaves it out, too", MOST + 2),
                 ),
             ];
-            if let Some((_, what, hint)) =
-                left_out.into_iter().find(|w| w.0).filter(|_| l.is_delta() && scene.is_smooth_at_faces_only())
+            if let Some((_, what, hint)) = left_out
+                .into_iter()
+                .find(|w| w.0)
+                .filter(|_| (l.is_delta() || beam && by_facets) && scene.is_smooth_at_faces_only())
             {
                 found.push(warning(
                     WarningKind::LightBehindGlass,
@@ -110,7 +117,7 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
                     WarningKind::LightBehindGlass,
                     &part.span,
                     format!(
-                        "of what light `{}` sends by way of glass or mirrors, only what meets nothing but rectangles, disks and cubes, or one ball alone, is in the picture yet",
+                        "of what light `{}` sends by way of glass or mirrors, only what meets nothing but flat faces (rectangles, disks, cubes, meshes with face normals), or one ball alone, is in the picture yet",
                         l.name
                     ),
                     "such light has to be connected by way of the interfaces; a small area light shows it, with noise"

@@ -1,63 +1,107 @@
-//! Sequences of flat smooth faces by which lights without extent are connected to ([`crate::transport::chain`]): through a pane of glass, by way of two mirrors, out of a block.
+//! Sequences of flat smooth faces by which lights without extent are connected to ([`crate::transport::chain`]): through a pane of glass, by way of two mirrors, out of a block, by the facets of a mesh.
 //!
-//! Listed once for each light, those with few reflections at glass and few faces first. A face follows another where some corner of it lies on the side that light leaves to, and some corner of the other on the side that
-//! it is met from; closed blocks are met from outside unless light is inside. Directions are followed as a cone: light from a point to a face is within one, mirrors turn it, refraction into the denser medium
-//! brings directions nearer to each other, by the ratio of the indices at least, and none leaves glass beyond the critical angle. One face alone is [`super::panes`]'s.
+//! Listed once for each light, those with few reflections at glass and few faces first. Light is followed as a pencil ([`crate::math::pencil`]): from a face's ball, along a cone that mirrors turn and that refraction
+//! narrows or widens. A face follows another where the pencil reaches it, some corner of it lies on the side that light leaves to, and some corner of the other on the side that
+//! it is met from; closed shapes are met from outside unless light is inside. None of this leaves out anything that light can take. What a chain sends on is a pencil as well: [`super::reach`] tells a vertex which may reach it, so that
+//! its time goes with these, not with the number of facets. One face alone is [`super::panes`]'s, unless it is a mesh's.
+//!
+//! Beams are followed here where a chain has a mesh's facet; other chains are [`super::beams`]'s.
 
+use super::reach::Reach;
 use super::{Instance, Scene, beams};
-use crate::light::Light;
+use crate::light::{Light, LightKind, Origin};
+use crate::math::ball_tree::{Ball, BallTree};
 use crate::math::fold::{Fold, MOST};
+use crate::math::pencil::{Cone, Pencil};
 use crate::math::{DVec2, DVec3};
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
+use rayon::prelude::*;
 use smallvec::SmallVec;
 use std::collections::{BTreeMap, VecDeque};
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Chains of a scene at most, and so many that a vertex asks for on average.
-const CHAINS: f64 = 4096.0;
-const ASKED: f64 = 100.0;
-/// Ways that wait to be followed further at most: hundreds of megabytes.
-const WAITING: usize = 1 << 18;
+/// Chains of a scene at most, and so many that a point of it asks for on average.
+const CHAINS: f64 = 262_144.0;
+const ASKED: f64 = 1000.0;
+/// Ways that wait to be followed further at most: hundreds of megabytes. Facets at most.
+const WAITING: usize = 1 << 20;
+const FACES: usize = 1 << 20;
 /// Reflections at glass are asked for so often each: they bring a few per cent, total ones all, but few of very many reach a vertex.
 const REFLECTED: f64 = 0.25;
 const TOTAL: f64 = 0.5;
 /// Of angles, and of lengths over the scene's radius, for rounding.
 const SLACK: f64 = 1e-9;
 
-/// A face of a chain.
+/// A flat smooth face.
 #[derive(Clone, Debug)]
-pub struct Link {
+pub struct Face {
     pub shape: u32,
     pub face: u32,
-    pub fold: Fold,
-    /// Light meets its front.
-    pub front: bool,
-    /// Points of its border, and the directions across it there, into the face; empty where it is none of lines.
-    border: SmallVec<[(DVec3, DVec3); 4]>,
+    /// On it, and its unit normal on the front side.
+    pub p: DVec3,
+    pub n: DVec3,
+    /// Of its border, in order; of a disk, those of a square around it.
+    corners: SmallVec<[DVec3; 4]>,
+    /// Of each side of a polygon the unit vector in its plane that points into it; none of a disk.
+    inward: SmallVec<[DVec3; 4]>,
+    is_facet: bool,
+    /// A ball that holds it.
+    center: DVec3,
+    radius: f64,
 }
 
-impl Link {
+impl Face {
+    /// The least distance into it from its sides; below 0 outside. Infinite for a disk: rays have to say.
+    fn depth(&self, p: DVec3) -> f64 {
+        let into = |(a, m): (&DVec3, &DVec3)| (p - *a).dot(*m);
+        self.corners.iter().zip(&self.inward).map(into).fold(f64::INFINITY, f64::min)
+    }
+
     /// Whether a point of its plane lies on it, but for rounding.
     pub fn holds(&self, p: DVec3) -> bool {
-        let slack = |c: DVec3| SLACK * (p - c).length();
-        self.border.iter().all(|&(c, m)| (p - c).dot(m) >= -slack(c))
+        self.depth(p) >= -SLACK * ((p - self.center).length() + self.radius)
     }
+
+    /// Whether no line along a direction of the cone passes through it and the ball. A point at the height h, carried to the plane along the cone's axis, at θ to its normal, is off by
+    /// `h (tan(θ + α) - tan θ)` at most along another direction, and points of the ball by its radius over cos(θ + α) more.
+    fn is_missed(&self, cone: &Cone, center: DVec3, radius: f64) -> bool {
+        let c = cone.axis.dot(self.n);
+        let tilt = c.abs().min(1.0).acos() + cone.angle;
+        if tilt > FRAC_PI_2 - SLACK {
+            return false;
+        }
+        let h = (center - self.p).dot(self.n);
+        let slack = (h.abs() * cone.angle.sin() / c.abs() + radius) / tilt.cos();
+        self.depth(center - cone.axis * (h / c)) < -slack - SLACK * (h.abs() + self.radius)
+    }
+}
+
+/// A face of a chain: one of [`Chains::faces`], and what light does there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Link {
+    pub face: u32,
+    /// Light meets its front.
+    pub front: bool,
+    pub through: bool,
 }
 
 /// A sequence of faces.
 #[derive(Clone, Debug)]
 pub struct Chain {
     pub light: u32,
-    pub links: Vec<Link>,
+    pub links: SmallVec<[Link; MOST]>,
     /// How often it is asked for.
     pub asked: f64,
 }
 
 /// All of them.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct Chains {
+    pub faces: Vec<Face>,
     pub list: Vec<Chain>,
+    /// What they send on.
+    reach: Reach,
     /// Some were left out: there are too many.
     pub cut: bool,
     /// Light may meet more faces in turn than any of them has.
@@ -66,153 +110,171 @@ pub struct Chains {
     pub touching: bool,
 }
 
+impl Chains {
+    /// Numbers of chains whose light may reach a point, each with the probability with which it is asked for, and of some others.
+    pub fn draw(&self, x: DVec3, uniform: impl FnMut() -> f64, mut found: impl FnMut(u32)) {
+        self.reach.draw(x, uniform, |id, pencil| {
+            let last = self.list[id as usize].links.last();
+            let misses = |l: &Link| self.faces[l.face as usize].is_missed(&pencil.cone, x, 0.0);
+            if !last.is_some_and(misses) {
+                found(id)
+            }
+        });
+    }
+
+    /// The plane of a link, with indices.
+    pub fn fold(&self, scene: &Scene, link: &Link) -> Fold {
+        let face = &self.faces[link.face as usize];
+        let index = match scene.surface_of(face.shape) {
+            Surface::Dielectric { interior, exterior, .. } if link.front => [*exterior, *interior],
+            Surface::Dielectric { interior, exterior, .. } => [*interior, *exterior],
+            _ => [1.0; 2],
+        };
+        Fold { p: face.p, n: face.n, through: link.through, index }
+    }
+}
+
+/// Whether all its faces are flat, and shaded as such.
+pub fn has_flat_faces(s: &Instance) -> bool {
+    match &s.shape {
+        Shape::Mesh(m) => s.face_normals || m.normals.is_none(),
+        other => beams::is_flat(other),
+    }
+}
+
+/// What light may do at a shape's faces.
+#[derive(Clone, Copy)]
+struct Body {
+    /// It has an inside; the front of its faces is that.
+    is_closed: bool,
+    is_turned: bool,
+}
+
 struct Search<'a> {
     scene: &'a Scene,
-    faces: Vec<Link>,
-    /// Of a disk, those of the square around it.
-    corners: Vec<[DVec3; 4]>,
-    /// The front of a closed shape's face is its inside.
-    flipped: Vec<bool>,
+    /// Of every shape.
+    bodies: Vec<Body>,
+    /// Balls of faces.
+    near: BallTree,
+    /// Pencils behind the chains found.
+    pencils: Vec<Pencil>,
     found: Chains,
 }
 
 /// What has become of the light so far.
 #[derive(Clone)]
 struct Way {
-    chain: Vec<Link>,
-    /// The last one's place in the list.
-    last: usize,
+    links: SmallVec<[Link; MOST]>,
     /// Closed shapes that it is in.
-    inside: Vec<u32>,
+    inside: SmallVec<[u32; 2]>,
     /// Reflections at glass that are not total, and those that are.
     weak: u32,
     total: u32,
-    /// What its directions are within: an axis and an angle about it.
-    cone: Option<(DVec3, f64)>,
+    /// Behind the last face.
+    pencil: Option<Pencil>,
+    by_facets: bool,
 }
 
-impl Way {
-    fn angle_to(&self, w: DVec3) -> Option<(f64, f64)> {
-        self.cone.map(|(axis, angle)| (axis.dot(w).clamp(-1.0, 1.0).acos(), angle))
-    }
-
-    /// Whether any of its directions is within an angle of this one.
-    fn turns_to(&self, w: DVec3, within: f64) -> bool {
-        self.angle_to(w).is_none_or(|(off, angle)| off <= angle + within + SLACK)
-    }
-
-    /// Whether none of them is.
-    fn turns_from(&self, w: DVec3, within: f64) -> bool {
-        self.angle_to(w).is_some_and(|(off, angle)| off - angle > within + SLACK)
+/// Directions of light to a face.
+fn cone(from: Origin<f64>, corners: &[DVec3]) -> Cone {
+    match from {
+        Origin::Position(q) => Cone::around(corners.iter().map(|&c| (c - q.value()).normalize())),
+        Origin::Infinity(w) => Cone { axis: w.value(), angle: 0.0 },
     }
 }
 
-/// Where light stands, or the direction from which it comes.
-#[derive(Clone, Copy)]
-enum Source {
-    Point(DVec3),
-    Toward(DVec3),
-}
-
-impl Source {
-    fn of(light: &Light) -> Option<Source> {
-        let far = || light.single_direction().map(Source::Toward);
-        light.is_delta().then(|| light.center().map(Source::Point).or_else(far))?
-    }
-
-    /// Directions to a face.
-    fn cone(self, corners: &[DVec3; 4]) -> Option<(DVec3, f64)> {
-        let q = match self {
-            Source::Point(q) => q,
-            Source::Toward(w) => return Some((-w, 0.0)),
-        };
-        let to = |c: &DVec3| (*c - q).normalize();
-        let axis = corners.iter().map(to).sum::<DVec3>().try_normalize()?;
-        // A cone of less than a right angle is convex: it holds the face if it holds its corners.
-        let least = corners.iter().map(|c| to(c).dot(axis)).fold(1.0, f64::min);
-        (least > SLACK).then(|| (axis, least.acos()))
-    }
-
-    fn height(self, p: DVec3, n: DVec3) -> f64 {
-        match self {
-            Source::Point(q) => (q - p).dot(n),
-            Source::Toward(w) => w.dot(n),
-        }
+/// Whether light in front of a plane falls on it, or beside it nothing does: > 0 in front.
+fn height(from: Origin<f64>, p: DVec3, n: DVec3) -> f64 {
+    match from {
+        Origin::Position(q) => (q.value() - p).dot(n),
+        Origin::Infinity(w) => -w.value().dot(n),
     }
 }
 
 impl Search<'_> {
     /// Whether light on the way may meet a face from its front, or from its back.
-    fn meets(&self, way: &Way, from: Source, k: usize, front: bool) -> bool {
-        let f = &self.faces[k];
-        let (p, n) = (f.fold.p, f.fold.n);
+    fn meets(&self, way: &Way, from: Origin<f64>, k: u32, front: bool) -> bool {
+        let f = &self.found.faces[k as usize];
         let sign = if front { 1.0 } else { -1.0 };
-        let closed = self.scene.shapes[f.shape as usize].shape.is_closed();
-        if closed && way.inside.contains(&f.shape) != (front == self.flipped[k]) {
+        let body = self.bodies[f.shape as usize];
+        if body.is_closed && way.inside.contains(&f.shape) != (front == body.is_turned) {
             return false;
         }
-        let Some(link) = way.chain.last() else { return sign * from.height(p, n) > 0.0 };
+        let Some(link) = way.links.last() else { return sign * height(from, f.p, f.n) > 0.0 };
+        let last = &self.found.faces[link.face as usize];
         // The side that light leaves to.
-        let out = if link.front == link.fold.through { -1.0 } else { 1.0 };
+        let out = if link.front == link.through { -1.0 } else { 1.0 };
         let slack = SLACK * self.scene.bounds.radius();
-        let ahead = |c: &DVec3| out * (*c - link.fold.p).dot(link.fold.n) > slack;
-        let before = |c: &DVec3| sign * (*c - p).dot(n) > slack;
-        way.last != k && self.corners[k].iter().any(ahead) && self.corners[way.last].iter().any(before)
+        let ahead = |c: &DVec3| out * (*c - last.p).dot(last.n) > slack;
+        let before = |c: &DVec3| sign * (*c - f.p).dot(f.n) > slack;
+        link.face != k && f.corners.iter().any(ahead) && last.corners.iter().any(before)
     }
 
     /// The way behind a face; `None` where no light goes there.
-    fn step(&self, from: Source, way: &Way, k: usize, front: bool, through: bool) -> Option<Way> {
-        let face = &self.faces[k];
+    fn step(&self, from: Origin<f64>, way: &Way, k: u32, front: bool, through: bool) -> Option<Way> {
+        let face = &self.found.faces[k as usize];
         let shape = &self.scene.shapes[face.shape as usize];
-        let (index, glass) = match &self.scene.surfaces[shape.surface as usize] {
-            Surface::Dielectric { interior, exterior, .. } => {
-                (if front { [*exterior, *interior] } else { [*interior, *exterior] }, true)
-            }
-            Surface::Conductor { two_sided, .. } if !through && (front || *two_sided) => ([1.0; 2], false),
+        let glass = match &self.scene.surfaces[shape.surface as usize] {
+            Surface::Dielectric { .. } => true,
+            Surface::Conductor { two_sided, .. } if !through && (front || *two_sided) => false,
             _ => return None,
         };
-        let fold = Fold { through, index, ..face.fold };
-        let mut next = way.clone();
-        if way.chain.is_empty() {
-            next.cone = from.cone(&self.corners[k]);
+        let link = Link { face: k, front, through };
+        let [n0, n1] = self.found.fold(self.scene, &link).index;
+        let arrives = way.pencil.map_or_else(|| cone(from, &face.corners), |p| p.toward(face.center, face.radius));
+        let last = way.links.last().map(|l| &self.found.faces[l.face as usize]);
+        let misses =
+            |l: &Face| l.is_missed(&arrives, face.center, face.radius) || face.is_missed(&arrives, l.center, l.radius);
+        if last.is_some_and(misses) {
+            return None;
         }
         // Which way light crosses the face.
-        let across = if front { -fold.n } else { fold.n };
-        if !next.turns_to(across, FRAC_PI_2) {
+        let across = if front { -face.n } else { face.n };
+        if !arrives.turns_to(across, FRAC_PI_2) {
             return None;
         }
-        let eta = index[1] / index[0];
-        let critical = if eta < 1.0 { eta.asin() } else { FRAC_PI_2 };
-        if !through {
-            let total = next.turns_from(across, critical);
-            next.weak += u32::from(glass && !total);
-            next.total += u32::from(glass && total);
-        } else if !next.turns_to(across, critical) {
-            return None;
+        let behind = if through { arrives.refracted(across, n0 / n1)? } else { arrives.mirrored(face.n) };
+        let mut next = way.clone();
+        if glass && !through {
+            let total = n1 < n0 && arrives.turns_from(across, (n1 / n0).asin());
+            (next.weak, next.total) = (next.weak + u32::from(!total), next.total + u32::from(total));
         }
-        // Where the axis itself goes on; refraction into a thinner medium spreads all others.
-        let bent = next.cone.filter(|c| c.0.dot(across) > 0.0).and_then(|c| Some((fold.behind(c.0)?, c.1)));
-        next.cone = match bent {
-            _ if !through => next.cone.and_then(|c| Some((fold.behind(c.0)?, c.1))),
-            Some((axis, angle)) if eta >= 1.0 => Some((axis, angle / eta)),
-            Some((axis, 0.0)) => Some((axis, 0.0)),
-            _ => None,
-        };
-        if through && eta > 1.0 && next.cone.is_none_or(|c| c.1 > (1.0 / eta).asin()) {
-            next.cone = Some((across, (1.0 / eta).asin()));
+        let body = self.bodies[face.shape as usize];
+        if body.is_closed && through {
+            let enters = front != body.is_turned;
+            if enters { next.inside.push(face.shape) } else { next.inside.retain(|s| *s != face.shape) }
         }
-        if shape.shape.is_closed() && through {
-            let enters = front != self.flipped[k];
-            if enters { next.inside.push(face.shape) } else { next.inside.retain(|&s| s != face.shape) }
-        }
-        next.chain.push(Link { fold, front, ..face.clone() });
-        next.last = k;
+        next.links.push(link);
+        next.pencil = Some(Pencil::new(face.center, face.radius, behind));
+        next.by_facets |= face.is_facet;
         Some(next)
     }
 
+    /// Faces that light may meet next.
+    fn candidates(&self, light: &Light, way: &Way) -> Vec<u32> {
+        let mut found = Vec::new();
+        match (&way.pencil, &light.kind) {
+            (Some(p), _) => self.near.find(|b| p.reaches(b.center, b.radius), &mut |k| found.push(k)),
+            (None, LightKind::Beam { position, direction, radius, gaussian }) => {
+                let reach = radius * if *gaussian { beams::GAUSSIAN } else { 1.0 };
+                let is_lit = |f: &Face| {
+                    let m = f.center - *position;
+                    let along = m.dot(*direction);
+                    along > -f.radius && (m - *direction * along).length() < reach + f.radius
+                };
+                found.extend((0..).zip(&self.found.faces).filter(|(_, f)| is_lit(f)).map(|(k, _)| k));
+            }
+            (None, _) => found.extend(0..self.found.faces.len() as u32),
+        }
+        found
+    }
+
     /// All chains of a light, or what is its `share` of those that there may be.
-    fn all(&mut self, light: u32, from: Source, inside: Vec<u32>, longest: usize, share: f64) {
-        let begin = Way { chain: Vec::new(), last: usize::MAX, inside, weak: 0, total: 0, cone: None };
+    fn all(&mut self, id: u32, from: Origin<f64>, longest: usize, share: f64) {
+        let light = &self.scene.lights[id as usize];
+        let inside = self.holders(light);
+        let begin = Way { links: SmallVec::new(), inside, weak: 0, total: 0, pencil: None, by_facets: false };
+        let is_beam = matches!(light.kind, LightKind::Beam { .. });
         // By reflections at glass, then by faces.
         let mut open: BTreeMap<(u32, usize), VecDeque<Way>> = BTreeMap::from([((0, 0), VecDeque::from([begin]))]);
         let (mut listed, mut sum, mut waiting) = (0.0, 0.0, 1);
@@ -222,113 +284,166 @@ impl Search<'_> {
                 continue;
             };
             waiting -= 1;
-            if way.chain.len() > 1 {
+            let counts = way.by_facets || !is_beam && way.links.len() > 1;
+            if let Some(pencil) = way.pencil.filter(|_| counts) {
                 let asked = REFLECTED.powi(way.weak as i32) * TOTAL.powi(way.total as i32);
-                (listed, sum) = (listed + 1.0, sum + asked);
+                listed += 1.0;
+                sum += asked * pencil.share(self.scene.bounds.radius());
                 if listed > CHAINS * share || sum > ASKED * share {
                     self.found.cut = true;
                     return;
                 }
-                self.found.list.push(Chain { light, links: way.chain.clone(), asked });
+                self.found.list.push(Chain { light: id, links: way.links.clone(), asked });
+                self.pencils.push(pencil);
             }
-            for (k, front) in (0..self.faces.len()).flat_map(|k| [(k, true), (k, false)]) {
+            for (k, front) in self.candidates(light, &way).into_iter().flat_map(|k| [(k, true), (k, false)]) {
                 if !self.meets(&way, from, k, front) {
                     continue;
                 }
                 for next in [true, false].map(|through| self.step(from, &way, k, front, through)).into_iter().flatten()
                 {
-                    if waiting >= WAITING {
+                    if next.links.len() > longest {
+                        self.found.long |= next.by_facets || !is_beam;
+                        continue;
+                    }
+                    open.entry((next.weak + next.total, next.links.len())).or_default().push_back(next);
+                    waiting += 1;
+                    // The least simple one goes.
+                    while waiting > WAITING {
                         self.found.cut = true;
-                    } else if next.chain.len() <= longest {
-                        waiting += 1;
-                        open.entry((next.weak + next.total, next.chain.len())).or_default().push_back(next);
-                    } else {
-                        self.found.long = true;
+                        let Some(mut last) = open.last_entry() else { break };
+                        if last.get_mut().pop_back().is_some() { waiting -= 1 } else { _ = last.remove() }
                     }
                 }
             }
         }
     }
 
+    /// Closed shapes that a light stands in.
+    fn holders(&self, light: &Light) -> SmallVec<[u32; 2]> {
+        let stands = match light.kind {
+            LightKind::Beam { position, .. } => Some(position),
+            _ => light.center(),
+        };
+        let within = |s: &Instance, q: DVec3| match &s.shape {
+            Shape::Cube(c) => c.placement.local_point(q).abs().max_element() < 1.0,
+            Shape::Mesh(m) => winding((0..s.shape.face_count()).map(|f| m.corners(f)), q).abs() > 0.5,
+            _ => false,
+        };
+        let smooth = |i: &u32| self.scene.surface_of(*i).is_smooth();
+        let all = (0..self.scene.shapes.len() as u32).filter(smooth);
+        stands.map_or_else(SmallVec::new, |q| all.filter(|&i| within(&self.scene.shapes[i as usize], q)).collect())
+    }
+
     /// Whether two faces of different shapes lie in one another.
     fn touch(&self) -> bool {
-        let slack = SLACK * self.scene.bounds.radius();
-        let n = self.faces.len();
-        (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))).any(|(a, b)| {
-            let (f, g) = (&self.faces[a], &self.faces[b]);
-            let flat = |p: DVec3| (p - f.fold.p).dot(f.fold.n).abs() <= slack;
-            let meets = || {
-                let inner = |from: usize, link: &Link| {
-                    let c = self.corners[from];
-                    let middle = (c[0] + c[1] + c[2] + c[3]) / 4.0;
-                    c.iter().map(|p| *p + (middle - *p) * 1e-6).chain([middle]).any(|p| link.holds(p))
-                };
-                inner(a, g) || inner(b, f)
+        let (faces, slack) = (&self.found.faces, SLACK * self.scene.bounds.radius());
+        let lie = |a: usize, b: usize| {
+            let (f, g) = (&faces[a], &faces[b]);
+            let flat = |p: DVec3| (p - f.p).dot(f.n).abs() <= slack;
+            let inner = |from: &Face, to: &Face| {
+                let toward = |p: &DVec3| *p + (from.center - *p) * 1e-6;
+                from.corners.iter().map(toward).chain([from.center]).any(|p| to.holds(p))
             };
-            f.shape != g.shape && self.corners[b].iter().all(|&p| flat(p)) && meets()
+            f.shape != g.shape && g.corners.iter().all(|&p| flat(p)) && (inner(f, g) || inner(g, f))
+        };
+        (0..faces.len()).into_par_iter().any(|a| {
+            let (mut near, f) = (Vec::new(), &faces[a]);
+            let meets = |b: &Ball| (b.center - f.center).length() <= b.radius + f.radius + slack;
+            self.near.find(meets, &mut |b| near.push(b as usize));
+            near.into_iter().any(|b| b > a && lie(a, b))
         })
     }
 }
 
-/// Its border's points and inward directions.
-fn border(s: &Shape, face: u32) -> SmallVec<[(DVec3, DVec3); 4]> {
-    let corners = beams::corners(s, face);
-    if corners.is_empty() {
-        return SmallVec::new();
-    }
-    let middle = corners.iter().copied().sum::<DVec3>() / corners.len() as f64;
-    let n = s.normal(face, middle);
-    let side = |k: usize| {
+/// How often a closed mesh goes round a point: the solid angles of its triangles over 4π (van Oosterom and Strackee, 1983).
+fn winding(triangles: impl Iterator<Item = [DVec3; 3]>, q: DVec3) -> f64 {
+    let angle = |t: [DVec3; 3]| {
+        let [a, b, c] = t.map(|p| p - q);
+        let [x, y, z] = [a, b, c].map(DVec3::length);
+        2.0 * a.dot(b.cross(c)).atan2(x * y * z + a.dot(b) * z + b.dot(c) * x + c.dot(a) * y)
+    };
+    triangles.map(angle).sum::<f64>() / (4.0 * PI)
+}
+
+/// A face; `None` where it has no area.
+fn face(id: u32, s: &Shape, face: u32) -> Option<Face> {
+    let at = |u: f64, v: f64| s.position(face, DVec2::new(u, v));
+    let corners: SmallVec<[DVec3; 4]> = match s {
+        Shape::Mesh(m) if m.is_degenerate(face) => return None,
+        Shape::Mesh(m) => m.corners(face).into_iter().collect(),
+        Shape::Disk(_) => {
+            let c = at(0.0, 0.0);
+            let (a, b) = (at(1.0, 0.0) - c, at(1.0, 0.25) - c);
+            [c + a + b, c + a - b, c - a - b, c - a + b].into_iter().collect()
+        }
+        _ => beams::corners(s, face).into_iter().collect(),
+    };
+    let center = corners.iter().copied().sum::<DVec3>() / corners.len() as f64;
+    let radius = corners.iter().map(|c| (*c - center).length()).fold(0.0, f64::max);
+    let (p, n) = (corners[0], s.normal(face, center));
+    let inward = |k: usize| {
         let (a, b) = (corners[k], corners[(k + 1) % corners.len()]);
         let m = n.cross(b - a).normalize();
-        (a, if m.dot(middle - a) < 0.0 { -m } else { m })
+        if m.dot(center - a) < 0.0 { -m } else { m }
     };
-    (0..corners.len()).map(side).collect()
+    let sides = if matches!(s, Shape::Disk(_)) { 0 } else { corners.len() };
+    let (inward, is_facet) = ((0..sides).map(inward).collect(), matches!(s, Shape::Mesh(_)));
+    Some(Face { shape: id, face, p, n, corners, inward, is_facet, center, radius })
 }
 
 impl Scene {
     /// List them; call when shapes, surfaces and lights are known.
     pub fn prepare_chains(&mut self) {
-        let sources: Vec<(u32, Source)> =
-            self.lights.iter().zip(0..).filter_map(|(l, id)| Some((id, Source::of(l)?))).collect();
+        let mut sources: Vec<(u32, Origin<f64>)> =
+            (0..).zip(&self.lights).filter_map(|(id, l)| Some((id, l.origin()?))).collect();
+        let smooth = |s: &Instance| self.surfaces[s.surface as usize].is_smooth() && has_flat_faces(s);
+        let shapes = || (0..).zip(&self.shapes).filter(|(_, s)| smooth(s));
+        if !shapes().any(|(_, s)| matches!(s.shape, Shape::Mesh(_))) {
+            sources.retain(|s| self.lights[s.0 as usize].is_delta());
+        }
         if sources.is_empty() {
             return;
         }
-        let smooth = |s: &Instance| self.surfaces[s.surface as usize].is_smooth() && beams::is_flat(&s.shape);
-        let mut search =
-            Search { scene: self, faces: vec![], corners: vec![], flipped: vec![], found: Chains::default() };
-        for (id, s) in self.shapes.iter().enumerate().filter(|(_, s)| smooth(s)) {
-            for face in 0..s.shape.face_count() {
-                let at = |u: f64, v: f64| s.shape.position(face, DVec2::new(u, v));
-                let p = at(0.25, 0.25);
-                let fold = Fold { p, n: s.shape.normal(face, p), through: true, index: [1.0; 2] };
-                search.faces.push(Link { shape: id as u32, face, fold, front: true, border: border(&s.shape, face) });
-                let corners = <[DVec3; 4]>::try_from(beams::corners(&s.shape, face));
-                search.corners.push(corners.unwrap_or_else(|_| {
-                    let c = at(0.0, 0.0);
-                    let (a, b) = (at(1.0, 0.0) - c, at(1.0, 0.25) - c);
-                    [c + a + b, c + a - b, c - a - b, c - a + b]
-                }));
-                search.flipped.push(fold.n.dot(p - s.shape.bounds().center()) < 0.0);
+        let mut found = Chains::default();
+        for (id, s) in shapes() {
+            let n = s.shape.face_count();
+            if found.faces.len() + n as usize > FACES {
+                found.cut = true;
+                continue;
             }
+            found.faces.extend((0..n).filter_map(|f| face(id, &s.shape, f)));
         }
+        let body = |s: &Instance| match &s.shape {
+            Shape::Mesh(m) => {
+                let t = m.topology();
+                Body { is_closed: t.is_closed() && t.is_consistently_oriented(), is_turned: t.is_inside_out() }
+            }
+            flat => {
+                let p = flat.position(0, DVec2::splat(0.25));
+                let is_turned = flat.normal(0, p).dot(p - flat.bounds().center()) < 0.0;
+                Body { is_closed: flat.is_closed(), is_turned }
+            }
+        };
+        let ball = |f: &Face| Ball { center: f.center, radius: f.radius };
+        let near = BallTree::new(found.faces.iter().map(ball).collect());
+        let bodies = self.shapes.iter().map(body).collect();
+        let mut search = Search { scene: self, bodies, near, pencils: Vec::new(), found };
         search.found.touching = search.touch();
         let longest = (self.settings.max_depth.saturating_sub(2) as usize).min(MOST);
         for &(id, from) in &sources {
-            let within = |s: &Instance| match (&s.shape, from) {
-                (Shape::Cube(c), Source::Point(q)) => c.placement.local_point(q).abs().max_element() < 1.0,
-                _ => false,
-            };
-            let inside = (0..self.shapes.len() as u32).filter(|&i| within(&self.shapes[i as usize])).collect();
-            search.all(id, from, inside, longest, 1.0 / sources.len() as f64);
+            search.all(id, from, longest, 1.0 / sources.len() as f64);
         }
-        search.found.long &= self.settings.max_depth as usize > MOST + 2;
-        self.chains = search.found;
+        let Search { mut found, pencils, .. } = search;
+        let asked = found.list.iter().map(|c| c.asked).collect();
+        found.reach = Reach::new(pencils, asked, &self.bounds);
+        found.long &= self.settings.max_depth as usize > MOST + 2;
+        self.chains = found;
     }
 
     /// Whether nothing is smooth but flat faces.
     pub fn is_smooth_at_faces_only(&self) -> bool {
         let smooth = |s: &&Instance| self.surfaces[s.surface as usize].is_smooth();
-        self.shapes.iter().filter(smooth).all(|s| beams::is_flat(&s.shape))
+        self.shapes.iter().filter(smooth).all(has_flat_faces)
     }
 }

@@ -23,6 +23,7 @@ pub mod parts;
 mod parts_camera;
 mod parts_objects;
 mod property;
+mod reach;
 mod refs;
 mod source;
 pub mod transform;

@@ -14,13 +14,13 @@
 
 use super::{Motion, ends};
 use crate::error::{Error, Result, Span};
-use crate::light::{Light, LightKind};
+use crate::light::{Light, LightKind, Origin};
 use crate::math::{DVec2, DVec3, Rgb, V3};
 use crate::scene::panes::Pane;
 use crate::scene::{Instance, Scene, beams};
 use crate::sensor::Sensor;
 use crate::shape::{Bounds, Geometry, Shape};
-use crate::transport::pane::{Origin, directions};
+use crate::transport::pane::directions;
 
 /// Depths of absorption, and of extinction beyond three a scattering, after which light is at most e^-40.
 const ABSORBED: f64 = 40.0;
@@ -172,7 +172,7 @@ fn reached(scene: &Scene, sensor: &Sensor, margin: f64, pane: &Pane, id: u32) ->
 /// Nothing comes between the light and these places, nor will where it moves.
 fn clear(scene: &Scene, pane: &Pane, light: &Light, places: &[DVec3]) -> Result<()> {
     let face = &scene.shapes[pane.shape as usize];
-    let Some(origin) = Origin::of(light) else { return Ok(()) };
+    let Some(origin) = light.origin() else { return Ok(()) };
     let mut hull = places.to_vec();
     let foot = |p: DVec3| p - pane.n * (p - pane.p).dot(pane.n);
     let passed: Vec<DVec3> = match origin {

@@ -5,7 +5,7 @@ use super::pane::{self, Found};
 use super::record::{End, Recorder};
 use super::vertex::Vertex;
 use super::walk::{State, Walker};
-use crate::light::{Light, LightKind, beam_profile};
+use crate::light::Origin;
 use crate::math::ball_ways::BallWay;
 use crate::math::fresnel::conductor;
 use crate::math::{DVec3, Rgb};
@@ -14,14 +14,6 @@ use crate::scene::balls::BallOf;
 use crate::scene::beams::{Step, Way};
 use crate::surface::Surface;
 use smallvec::SmallVec;
-
-/// Where light comes from: a position, or a direction toward infinity.
-fn source(light: &Light) -> Option<(DVec3, bool)> {
-    match light.kind {
-        LightKind::Beam { direction, .. } => Some((-direction, true)),
-        _ => light.center().map(|p| (p, false)).or_else(|| light.single_direction().map(|w| (w, true))),
-    }
-}
 
 /// Score what all lights without extent, and all beams, bring to the vertex at `s.o` by one ball.
 pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
@@ -34,8 +26,12 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     for b in &scene.balls {
         let surface = scene.surface_of(b.shape);
         for (id, light) in scene.lights.iter().enumerate() {
-            let beam = matches!(light.kind, LightKind::Beam { .. });
-            let Some((from, far)) = source(light).filter(|_| light.is_delta() || beam) else { continue };
+            // A position, or the direction toward infinity.
+            let (from, far) = match light.origin() {
+                Some(Origin::Position(q)) => (q.value(), false),
+                Some(Origin::Infinity(w)) => (-w.value(), true),
+                None => continue,
+            };
             let local = if far { from } else { from - b.center };
             b.ball.ways(local, far, s.o - b.center, interfaces, Some(&mut s.rng), |way| found.push(way));
             for way in found.drain(..) {
@@ -44,23 +40,12 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
                 }
                 let Some((way, points)) = b.way(surface, id as u32, (from, far), &way, s.o) else { continue };
                 let Some(&first) = points.last() else { continue };
-                let Some(emission) = emission(light, first) else { continue };
+                let Some(emission) = light.emission_toward(first) else { continue };
                 let end = if far { End::Infinity(from) } else { End::Point(id as u32) };
                 pane::score(w, s, vertex, &Found { way: &way, points: &points, emission, end });
             }
         }
     }
-}
-
-/// The light's own profile, toward the first point on the ball.
-fn emission(light: &Light, at: DVec3) -> Option<crate::light::Emission> {
-    let LightKind::Beam { position, direction, radius, gaussian } = light.kind else {
-        return light.sample(at, 0.0, 0.0).map(|a| a.emission);
-    };
-    let m = at - position;
-    let along = m.dot(direction);
-    let e = beam_profile((m - direction * along).length(), radius, gaussian);
-    (along >= 0.0 && e > 0.0).then(|| light.emission(Rgb::splat(e)))
 }
 
 impl BallOf {

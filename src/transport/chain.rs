@@ -3,10 +3,11 @@
 //!
 //! The gain is a ray's from the light, carried through the planes in dual numbers: solid angle there over the area across it at the vertex ([T] (47) for any number of planes), times what each face lets by.
 
-use super::pane::{self, Found, Origin};
+use super::pane::{self, Found};
 use super::record::{End, Recorder};
 use super::vertex::Vertex;
 use super::walk::{State, Walker};
+use crate::light::Origin;
 use crate::math::fold::{self, Arrival, Fold, MOST};
 use crate::math::fresnel::{Interface, conductor};
 use crate::math::{DVec3, Dual, Rgb, V3, warp};
@@ -22,29 +23,34 @@ const MISS: f64 = 1e-6;
 /// Two coordinates of a light's rays.
 type D2 = Dual<2>;
 
-/// Score what all lights without extent bring to the vertex at `s.o` by two faces and more.
+/// Score what all lights without extent bring to the vertex at `s.o` by two faces and more, or by facets of meshes, beams by the latter.
 pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     let scene: &Scene = w.scene;
-    for chain in &scene.chains.list {
+    let chains = &scene.chains;
+    if chains.list.is_empty() {
+        return;
+    }
+    let mut drawn: SmallVec<[u32; 64]> = SmallVec::new();
+    chains.draw(s.o, || s.rng.uniform(), |id| drawn.push(id));
+    for id in drawn {
+        let chain = &chains.list[id as usize];
         let order = s.depth + chain.links.len() as u32;
         if !w.may_scatter(order) || order < w.set.min_order {
             continue;
         }
         // The last face sends light to one side only.
         let Some(last) = chain.links.last() else { continue };
-        let side = (s.o - last.fold.p).dot(last.fold.n);
-        if side == 0.0 || (side > 0.0) != (last.front != last.fold.through) {
-            continue;
-        }
-        if chain.asked < 1.0 && s.rng.uniform() >= chain.asked {
+        let face = &chains.faces[last.face as usize];
+        let side = (s.o - face.p).dot(face.n);
+        if side == 0.0 || (side > 0.0) != (last.front != last.through) {
             continue;
         }
         let light = &scene.lights[chain.light as usize];
-        let Some(from) = Origin::of(light) else { continue };
+        let Some(from) = light.origin() else { continue };
         let Some((mut way, points)) = way(scene, chain, from, s.o, &mut w.tally.unsettled) else { continue };
         way.gain *= 1.0 / chain.asked;
         let Some(&first) = points.last() else { continue };
-        let Some(emission) = light.sample(first, 0.0, 0.0).map(|a| a.emission) else { continue };
+        let Some(emission) = light.emission_toward(first) else { continue };
         let end = match from {
             Origin::Position(_) => End::Point(chain.light),
             Origin::Infinity(v) => End::Infinity(-v.value()),
@@ -61,7 +67,7 @@ fn way(
     x: DVec3,
     unsettled: &mut u64,
 ) -> Option<(Way, SmallVec<[DVec3; MOST]>)> {
-    let folds: SmallVec<[Fold; MOST]> = chain.links.iter().map(|l| l.fold).collect();
+    let folds: SmallVec<[Fold; MOST]> = chain.links.iter().map(|l| scene.chains.fold(scene, l)).collect();
     let arrives = match from {
         Origin::Position(q) => match fold::arrival(q.value(), &folds, x) {
             Arrival::Along(w) => w,
@@ -77,11 +83,11 @@ fn way(
     let (mut p, mut w) = (x, arrives);
     let mut points: SmallVec<[DVec3; MOST]> = SmallVec::new();
     let mut steps = Vec::with_capacity(folds.len());
-    for link in chain.links.iter().rev() {
-        let f = &link.fold;
+    for (link, f) in chain.links.iter().zip(&folds).rev() {
+        let face = &scene.chains.faces[link.face as usize];
         let t = (p - f.p).dot(f.n) / w.dot(f.n);
         p -= w * t;
-        if t.is_nan() || t <= 0.0 || !link.holds(p) {
+        if t.is_nan() || t <= 0.0 || !face.holds(p) {
             return None;
         }
         let back = Fold { index: [f.index[1], f.index[0]], ..*f };
@@ -89,8 +95,7 @@ fn way(
         if (before.dot(f.n) < 0.0) != link.front {
             return None;
         }
-        let (shape, face, through) = (link.shape, link.face, f.through);
-        steps.push(Step { shape, face, p: f.p, n: f.n, before, behind: w, through });
+        steps.push(Step { shape: face.shape, face: face.face, p: f.p, n: f.n, before, behind: w, through: f.through });
         points.push(p);
         w = before;
     }
@@ -100,6 +105,9 @@ fn way(
         let off = p - q.value();
         if (off - w * off.dot(w)).length() > MISS * ((x - p).length() + off.length()) {
             *unsettled += 1;
+            return None;
+        }
+        if off.dot(w) <= 0.0 {
             return None;
         }
     }
@@ -157,3 +165,7 @@ fn spread(folds: &[Fold], from: Origin<f64>, before: DVec3, x: DVec3) -> Option<
     let area = (s.d[0] * t.d[1] - s.d[1] * t.d[0]).abs();
     (area > 0.0).then(|| 1.0 / area)
 }
+
+#[cfg(test)]
+#[path = "chain_tests.rs"]
+mod tests;

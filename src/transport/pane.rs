@@ -16,7 +16,7 @@ use super::pane_motion::PaneAim;
 use super::record::{End, Event, Recorder};
 use super::vertex::{Toward, Vertex};
 use super::walk::{State, Walker};
-use crate::light::{Emission, Light};
+use crate::light::{Emission, Origin};
 use crate::math::fresnel::{self, Interface};
 use crate::math::{DVec3, Real, Rgb, V3};
 use crate::scene::Scene;
@@ -67,21 +67,6 @@ fn crossed<R: Real>([n0, h0]: [R; 2], [n1, h1]: [R; 2], r2: R) -> (R, [R; 2]) {
 /// G of one flat interface, [T] (47): solid angle at the light per area across the ray at the far point.
 pub fn spread<R: Real>([n0, d0, c0]: [R; 3], [n1, d1, c1]: [R; 3]) -> R {
     n1 * n1 * c0 * c1 / ((n0 * c0 * c0 * d1 + n1 * c1 * c1 * d0) * (n0 * d1 + n1 * d0))
-}
-
-/// Where light without extent comes from.
-#[derive(Clone, Copy, Debug)]
-pub enum Origin<R> {
-    Position(V3<R>),
-    /// From infinity, travelling along this unit vector.
-    Infinity(V3<R>),
-}
-
-impl Origin<f64> {
-    pub fn of(light: &Light) -> Option<Self> {
-        let far = || light.single_direction().map(|w| Origin::Infinity(V3::constant(-w)));
-        light.center().map(|q| Origin::Position(V3::constant(q))).or_else(far)
-    }
 }
 
 /// How light comes to a point by a face.
@@ -186,11 +171,11 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     for (k, pane) in scene.panes.iter().enumerate() {
         let surface = scene.surface_of(pane.shape);
         for (id, light) in scene.lights.iter().enumerate().filter(|(_, l)| l.is_delta()) {
-            let Some(r) = Origin::of(light).and_then(|f| reach(surface, pane, f, V3::constant(s.o))) else { continue };
+            let Some(r) = light.origin().and_then(|f| reach(surface, pane, f, V3::constant(s.o))) else { continue };
             let [at, before, behind] = [r.at, r.before, r.behind].map(V3::value);
             let gain = Rgb::from_fn(|c| r.gain[c]);
             // The light's own profile, toward the face.
-            let Some(emission) = light.sample(at, 0.0, 0.0).map(|a| a.emission) else { continue };
+            let Some(emission) = light.emission_toward(at) else { continue };
             let step =
                 Step { shape: pane.shape, face: pane.face, p: pane.p, n: pane.n, before, behind, through: r.through };
             let way = Way { light: id as u32, steps: vec![step], w: behind, gain };

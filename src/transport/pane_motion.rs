@@ -10,9 +10,9 @@
 //! All of it is linear in slots: forward and reverse mode read the same numbers.
 
 use super::aim::{self, Line, Turn};
-use super::pane::{Origin, Reach, reach};
+use super::pane::{Reach, reach};
 use super::specular;
-use crate::light::LightKind;
+use crate::light::{LightKind, Origin};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Dual, Rgb, V3};
 use crate::params::{ParamSet, Sink};

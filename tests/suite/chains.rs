@@ -39,6 +39,66 @@ fn a_point_light_is_a_small_lamp() {
     assert!(point.value[1] > 1.15 * without.value[1], "{point:?} {without:?}");
 }
 
+/// The block as a mesh of twelve facets, in a file; its scene.
+fn block_of_facets(dir: &std::path::Path, text: &str) -> String {
+    let corner = |k: usize| [0, 1, 2].map(|i| if k >> i & 1 == 0 { -1 } else { 1 });
+    let mut file = String::new();
+    for [x, y, z] in (0..8).map(corner) {
+        file += &format!("v {x} {y} {z}\n");
+    }
+    for [a, b, c, d] in [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]] {
+        file += &format!("f {a} {b} {c}\nf {a} {c} {d}\n");
+    }
+    let path = dir.join("block.obj");
+    std::fs::write(&path, file).unwrap();
+    let of = |path: &std::path::Path| {
+        format!(r#"<shape type="obj" id="block"><string name="filename" value="{}"/>"#, path.display())
+    };
+    let facets = text.replace(r#"<shape type="cube" id="block">"#, &of(&path));
+    assert_ne!(facets, text);
+    facets
+}
+
+const BEAM: &str = r#"<emitter type="collimated"><transform name="to_world"><lookat origin="1, 3, 0" target="0.3, 0.8, 0.1" up="0, 0, 1"/></transform>
+  <float name="radius" value="0.5"/><string name="profile" value="$profile"/><float name="irradiance" value="10"/></emitter>"#;
+
+/// A block is the same block as a mesh: by point lights, by suns, by hard and by Gaussian beams, seen from outside and through the milk inside.
+#[test]
+fn a_mesh_is_a_block() {
+    let dir = tempfile::tempdir().unwrap();
+    let sun = r#"<emitter type="directional"><vector name="direction" value="-1, -3, 0"/><float name="irradiance" value="2"/></emitter>"#;
+    let beams = ["hard", "gaussian"].map(|p| BEAM.replace("$profile", p));
+    for light in [POINT, sun, &beams[0], &beams[1]] {
+        let text = block(5, light);
+        let facets = block_of_facets(dir.path(), &text);
+        let (a, b) = (forward(&text, &[], 1 << 13)[0], forward(&facets, &[], 1 << 13)[0]);
+        for c in 0..3 {
+            let se = a.error[c].hypot(b.error[c]);
+            assert!((a.value[c] - b.value[c]).abs() < 4.5 * se, "{light} {c}: {a:?} {b:?}");
+            assert!(se < 0.02 * a.value[c], "{light} {c}: {a:?} {b:?}");
+        }
+        // What comes by way of facets is more than all errors.
+        let (_, mut scene) = scene(&facets);
+        assert!(!scene.warnings.iter().any(|w| w.kind == WarningKind::LightBehindGlass), "{:?}", scene.warnings);
+        scene.chains = Chains::default();
+        let without = estimate(&run(&scene, 1 << 12, 3, Mode::Picture), 0);
+        assert!(b.value[1] > 1.1 * without.value[1], "{light} {b:?} {without:?}");
+    }
+}
+
+/// Media's derivatives are in the record; whatever moves is refused.
+#[test]
+fn derivatives_by_media_behind_facets() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = block_of_facets(dir.path(), &block(5, POINT));
+    against_differences(&text, &[("milk", 0.05), ("white", 0.02)], &["all"], 1 << 10, 0.02);
+    let (desc, _) = scene(&text);
+    for name in ["x", "n"] {
+        let refused = Plan::new(&desc, &[name.to_string()]).and_then(|p| p.refuse());
+        assert!(refused.is_err(), "{name}");
+    }
+}
+
 /// Light from far away is parallel.
 #[test]
 fn far_lights_are_parallel() {
