@@ -6,6 +6,7 @@ pub mod blackbody;
 pub mod discrete;
 pub mod equiangular;
 pub mod erf;
+pub mod fermat;
 pub mod fold;
 pub mod fresnel;
 pub mod guide;

@@ -16,6 +16,8 @@ pub enum Purpose {
     Pilot = 4,
     /// Connections to lights that move.
     Motion = 6,
+    /// Searches for ways of light by smooth surfaces.
+    Manifold = 7,
     /// Boundary rooms; each adds its index.
     Room = 64,
 }

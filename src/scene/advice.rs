@@ -1,14 +1,12 @@
 //! Warnings that need the whole scene: cameras and lights in media that they do not name.
 
-use super::beams::is_flat;
-use super::chains::has_flat_faces;
+use super::chains::{MOST, has_flat_faces};
 use super::parts::{Parts, SurfacePart};
 use super::{On, Scene};
 use crate::error::{Span, Warning, WarningKind};
-use crate::light::LightKind;
+use crate::light::{Light, LightKind};
 use crate::math::DVec3;
 use crate::math::ball_ways::REFLECTIONS;
-use crate::math::fold::MOST;
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 
@@ -53,77 +51,10 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
             ));
         }
     }
-    if scene.surfaces.iter().any(Surface::is_smooth) {
-        for (l, part) in scene.lights.iter().zip(&parts.lights) {
-            let beam = matches!(l.kind, LightKind::Beam { .. });
-            let all_of_ball = scene.shows_all_light_of_a_ball();
-            if !all_of_ball && scene.shows_all_light_of_a_ball_but_reflections() {
-                if l.is_delta() || beam {
-                    found.push(warning(
-                        WarningKind::LightBehindGlass,
-                        &part.span,
-                        format!("what `{}` sends through the ball is followed for {REFLECTIONS} reflections inside: more are not in the picture", l.name),
-                        format!("set max_depth to {} or less, which leaves out whatever is mirrored as often", REFLECTIONS + 2),
-                    ));
-                }
-                continue;
-            }
-            let known = |s: &super::Instance| has_flat_faces(s) || all_of_ball && matches!(s.shape, Shape::Sphere(_));
-            let followed = |s: &&super::Instance| !scene.surfaces[s.surface as usize].is_smooth() || known(s);
-            if let Some(s) = scene.shapes.iter().find(|s| beam && !followed(s)) {
-                found.push(warning(
-                    WarningKind::LightBehindGlass,
-                    &part.span,
-                    format!("of what beam `{}` sends by way of `{}` not all is in the picture yet", l.name, s.name),
-                    "beams are followed at rectangles, disks, cubes and meshes with face normals, and by one ball"
-                        .into(),
-                ));
-            }
-            let chains = &scene.chains;
-            let by_facets =
-                scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth() && !is_flat(&s.shape));
-            let left_out = [
-                (
-                    chains.touching,
-                    "by faces of glass or mirrors that touch".to_string(),
-                    "leave a small gap between the shapes, or make them one".to_string(),
-                ),
-                (
-                    chains.cut,
-                    "by some of very many sequences of flat faces".into(),
-                    "use fewer panes, mirrors and facets, or fewer lights without extent; or set a smaller max_depth"
-                        .into(),
-                ),
-                (
-                    chains.long,
-                    format!("by more than {MOST} flat faces in turn"),
-                    format!("set max_depth to {} or less, which leaves it out, too", MOST + 2),
-                ),
-            ];
-            if let Some((_, what, hint)) = left_out
-                .into_iter()
-                .find(|w| w.0)
-                .filter(|_| (l.is_delta() || beam && by_facets) && scene.is_smooth_at_faces_only())
-            {
-                found.push(warning(
-                    WarningKind::LightBehindGlass,
-                    &part.span,
-                    format!("what light `{}` sends {what} is not in the picture yet", l.name),
-                    hint,
-                ));
-            }
-            if l.is_delta() && !scene.is_smooth_at_faces_only() && !all_of_ball {
-                found.push(warning(
-                    WarningKind::LightBehindGlass,
-                    &part.span,
-                    format!(
-                        "of what light `{}` sends by way of glass or mirrors, only what meets nothing but flat faces (rectangles, disks, cubes, meshes with face normals), or one ball alone, is in the picture yet",
-                        l.name
-                    ),
-                    "such light has to be connected by way of the interfaces; a small area light shows it, with noise"
-                        .into(),
-                ));
-            }
+    for (l, part) in scene.lights.iter().zip(&parts.lights).filter(|(l, _)| l.origin().is_some()) {
+        for (what, hint) in left_out(scene, l) {
+            let what = format!("what light `{}` sends {what} is not in the picture yet", l.name);
+            found.push(warning(WarningKind::LightBehindGlass, &part.span, what, hint));
         }
     }
     for &id in &scene.beams.cut {
@@ -157,6 +88,53 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
         ));
     }
     scene.warnings.extend(found);
+}
+
+/// By which smooth surfaces light without extent, or of a beam, is not followed, and what helps.
+fn left_out(scene: &Scene, l: &Light) -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    let mut add = |what: String, hint: &str| found.push((what, hint.to_string()));
+    let smooth = || scene.shapes.iter().filter(|s| scene.surfaces[s.surface as usize].is_smooth());
+    if let Some(s) = smooth().find(|s| matches!(s.shape, Shape::Mesh(_)) && !has_flat_faces(s)) {
+        let hint = "set face_normals; or use a small area light, which shows it, with noise";
+        add(format!("by way of `{}`, a mesh shaded by vertex normals,", s.name), hint);
+    }
+    let by_facets = smooth().any(|s| matches!(s.shape, Shape::Mesh(_)) && has_flat_faces(s));
+    let chains = &scene.chains;
+    if l.is_delta() || by_facets {
+        if chains.touching {
+            add(
+                "by faces of glass or mirrors that touch".into(),
+                "leave a small gap between the shapes, or make them one",
+            );
+        }
+        if chains.cut {
+            let hint =
+                "use fewer panes, mirrors and facets, or fewer lights without extent; or set a smaller max_depth";
+            add("by some of very many sequences of flat faces".into(), hint);
+        }
+        // Where there are curved shapes chance finds them.
+        if chains.long && scene.seeds.is_empty() {
+            let hint = format!("set max_depth to {} or less, which leaves it out, too", MOST + 2);
+            add(format!("by more than {MOST} flat faces in turn"), &hint);
+        }
+    }
+    for b in &scene.balls {
+        let shape = &scene.shapes[b.shape as usize];
+        let surface = scene.surface_of(b.shape);
+        if matches!(surface, Surface::Conductor { two_sided, .. } if b.flipped || *two_sided) {
+            let hint = "let its front be its outside; or use a small area light, which shows it, with noise";
+            add(format!("inside of the hollow mirror `{}`", shape.name), hint);
+        } else if !b.ball.is_metal && scene.settings.max_depth > REFLECTIONS + 2 {
+            let hint = format!("set max_depth to {} or less, which leaves it out, too", REFLECTIONS + 2);
+            add(format!("through `{}` with more than {REFLECTIONS} reflections inside", shape.name), &hint);
+        }
+        if matches!(l.kind, LightKind::Beam { position, direction, .. } if b.begins_beside(position, direction)) {
+            let hint = "let the beam begin farther away";
+            add(format!("from within or beside the ball `{}`", shape.name), hint);
+        }
+    }
+    found
 }
 
 fn warning(kind: WarningKind, span: &Span, what: String, hint: String) -> Warning {

@@ -3,7 +3,7 @@
 use super::{Instance, Scene};
 use crate::light::LightKind;
 use crate::math::DVec3;
-use crate::math::ball_ways::{Ball, REFLECTIONS};
+use crate::math::ball_ways::Ball;
 use crate::shape::Shape;
 use crate::surface::Surface;
 
@@ -15,6 +15,13 @@ pub struct BallOf {
     pub ball: Ball,
     /// Its front is its inside.
     pub flipped: bool,
+}
+
+impl BallOf {
+    /// Whether a beam that begins here is not parallel light from outside to all of it.
+    pub fn begins_beside(&self, position: DVec3, direction: DVec3) -> bool {
+        (self.center - position).dot(direction).abs() < self.ball.radius
+    }
 }
 
 impl Scene {
@@ -34,29 +41,5 @@ impl Scene {
             Some(BallOf { shape: id as u32, center: q.center, ball, flipped })
         };
         self.balls = self.shapes.iter().enumerate().filter(|_| lit).filter_map(ball).collect();
-    }
-
-    /// Whether all light of lights without extent, and of beams, that smooth surfaces send on is found: there is one ball, and reflections in it are few enough.
-    pub fn shows_all_light_of_a_ball(&self) -> bool {
-        let metal = self.balls.first().is_some_and(|b| b.ball.is_metal);
-        (metal || self.settings.max_depth <= REFLECTIONS + 2) && self.shows_all_light_of_a_ball_but_reflections()
-    }
-
-    /// All but what is mirrored inside more often than it is followed.
-    pub fn shows_all_light_of_a_ball_but_reflections(&self) -> bool {
-        let smooth: Vec<_> = self.shapes.iter().filter(|s| self.surfaces[s.surface as usize].is_smooth()).collect();
-        let [b] = &self.balls[..] else { return false };
-        // Beams that begin in the ball, or beside its middle, are not parallel light from outside to all of it.
-        let begins_there = |l: &crate::light::Light| match l.kind {
-            LightKind::Beam { position, direction, .. } => (b.center - position).dot(direction).abs() < b.ball.radius,
-            _ => false,
-        };
-        let surface = self.surface_of(b.shape);
-        // What is inside of a hollow mirror is not connected.
-        let known = match surface {
-            Surface::Conductor { two_sided, .. } => !b.flipped && !two_sided,
-            _ => true,
-        };
-        smooth.len() == 1 && known && !self.lights.iter().any(begins_there)
     }
 }

@@ -11,7 +11,7 @@ use super::reach::Reach;
 use super::{Instance, Scene, beams};
 use crate::light::{Light, LightKind, Origin};
 use crate::math::ball_tree::{Ball, BallTree};
-use crate::math::fold::{Fold, MOST};
+use crate::math::fold::Fold;
 use crate::math::pencil::{Cone, Pencil};
 use crate::math::{DVec2, DVec3};
 use crate::shape::{Geometry, Shape};
@@ -21,6 +21,8 @@ use smallvec::SmallVec;
 use std::collections::{BTreeMap, VecDeque};
 use std::f64::consts::{FRAC_PI_2, PI};
 
+/// Faces of a chain at most.
+pub const MOST: usize = 4;
 /// Chains of a scene at most, and so many that a point of it asks for on average.
 const CHAINS: f64 = 262_144.0;
 const ASKED: f64 = 1000.0;
@@ -56,6 +58,11 @@ impl Face {
     fn depth(&self, p: DVec3) -> f64 {
         let into = |(a, m): (&DVec3, &DVec3)| (p - *a).dot(*m);
         self.corners.iter().zip(&self.inward).map(into).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Points that it lies between.
+    pub fn corners(&self) -> &[DVec3] {
+        &self.corners
     }
 
     /// Whether a point of its plane lies on it, but for rounding.
@@ -381,7 +388,7 @@ fn face(id: u32, s: &Shape, face: u32) -> Option<Face> {
     };
     let center = corners.iter().copied().sum::<DVec3>() / corners.len() as f64;
     let radius = corners.iter().map(|c| (*c - center).length()).fold(0.0, f64::max);
-    let (p, n) = (corners[0], s.normal(face, center));
+    let (p, n) = (center, s.normal(face, center));
     let inward = |k: usize| {
         let (a, b) = (corners[k], corners[(k + 1) % corners.len()]);
         let m = n.cross(b - a).normalize();
@@ -439,11 +446,5 @@ impl Scene {
         found.reach = Reach::new(pencils, asked, &self.bounds);
         found.long &= self.settings.max_depth as usize > MOST + 2;
         self.chains = found;
-    }
-
-    /// Whether nothing is smooth but flat faces.
-    pub fn is_smooth_at_faces_only(&self) -> bool {
-        let smooth = |s: &&Instance| self.surfaces[s.surface as usize].is_smooth();
-        self.shapes.iter().filter(smooth).all(has_flat_faces)
     }
 }

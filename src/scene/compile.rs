@@ -139,6 +139,7 @@ impl Scene {
             panes: Vec::new(),
             chains: Chains::default(),
             balls: Vec::new(),
+            seeds: Vec::new(),
             sheltered: Vec::new(),
             bright: Bright::default(),
         };
@@ -150,6 +151,7 @@ impl Scene {
         scene.prepare_panes();
         scene.prepare_chains();
         scene.prepare_balls();
+        scene.prepare_seeds();
         scene.prepare_bright();
         if can_move(desc, &scene)? {
             scene.prepare_motion();

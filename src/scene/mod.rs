@@ -25,6 +25,7 @@ mod parts_objects;
 mod property;
 mod reach;
 mod refs;
+pub mod seeds;
 mod source;
 pub mod transform;
 pub mod value;
@@ -189,6 +190,8 @@ pub struct Scene {
     pub columns: columns::Columns,
     /// Smooth balls by which lights without extent are connected to.
     pub balls: Vec<balls::BallOf>,
+    /// Balls around what random rays of lights are sent at.
+    pub seeds: Vec<(DVec3, f64)>,
     /// Media that no light from infinity falls into straight: by medium.
     pub sheltered: Vec<bool>,
     /// Flat glass and mirrors beside lights without extent.

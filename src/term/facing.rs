@@ -2,12 +2,12 @@
 
 use super::edge_set::SharedEdge;
 use super::outline::Faces;
-use super::shot::{Shot, Target};
 use crate::math::DVec3;
 use crate::math::rng::Rng;
 use crate::scene::Scene;
 use crate::shape::edges::FLAT;
 use crate::shape::{Geometry, Sphere};
+use crate::transport::shot::{Shot, Target};
 use std::borrow::Cow;
 
 /// As a ray sees it.

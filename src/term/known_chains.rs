@@ -1,16 +1,17 @@
 //! Chains of flat smooth faces that the camera is known to see by: found once, with random rays, so that samples may choose among them.
 //!
 //! By a chain of planes there is at most one ray to a point ([`super::fermat`]), so that a sample which chooses the chain knows its probability. Chains that are not listed, because they
-//! bend at spheres, are long, or see little, are left to chance ([`super::shot::draw`]).
+//! bend at spheres, are long, or see little, are left to chance ([`crate::transport::shot::draw`]).
 
-use super::fermat::{Planes, Way};
-use super::shot::{self, Eye, Place, Shot, Start, Step, Target};
+use super::planes::planes;
 use super::shown::{PIECES, Shown, Spot};
 use crate::math::DVec3;
 use crate::math::discrete::Discrete;
+use crate::math::fermat::{Planes, Way};
 use crate::math::rng::{Purpose, Rng};
 use crate::scene::Scene;
 use crate::transport::ray::Specular;
+use crate::transport::shot::{self, Eye, Place, Shot, Start, Step, Target};
 use std::cell::Cell;
 use std::collections::HashMap;
 
@@ -50,7 +51,7 @@ fn finds(planes: &Planes, eye: &Eye, start: Start, chain: &[Specular]) -> bool {
     let Some(last) = chain.last() else { return false };
     let e = last.hit.p + last.out * (last.hit.p - start.o).length();
     let near = |f: Start| (f.w - start.w).length() + (f.o - start.o).length() / (e - start.o).length() <= shot::SAME;
-    matches!(planes.ray(eye, start.o, e), Way::Ray(found) if near(found))
+    matches!(planes.ray(eye, start.o, e), Way::Found(found) if near(found))
 }
 
 impl KnownChains {
@@ -62,7 +63,7 @@ impl KnownChains {
             let Some(start) = random(&mut rng) else { continue };
             let Some(chain) = shot::random_chain(scene, start, place, &mut rng) else { continue };
             all += 1;
-            let Some(planes) = Planes::of(scene, &chain).filter(|p| finds(p, eye, start, &chain)) else { continue };
+            let Some(planes) = planes(scene, &chain).filter(|p| finds(p, eye, start, &chain)) else { continue };
             let steps: Vec<Step> = chain.iter().map(Step::of).collect();
             let new = || Chain { steps: steps.clone(), planes, o: start.o, rays: 0, shown: None };
             found.entry(steps.clone()).or_insert_with(new).rays += 1;
@@ -128,7 +129,7 @@ impl KnownChains {
     ) -> Option<Shot> {
         let chain = &self.list[chain];
         let start = match chain.planes.ray(eye, chain.o, e) {
-            Way::Ray(start) => start,
+            Way::Found(start) => start,
             Way::None => return None,
             Way::Lost => {
                 lost.set(lost.get() + 1);

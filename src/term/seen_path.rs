@@ -2,7 +2,6 @@
 
 use super::Context;
 use super::ends::{Point, Watch};
-use super::shot::Place;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
@@ -11,6 +10,7 @@ use crate::surface::Surface;
 use crate::transport::camera_line;
 use crate::transport::first::{FilmLine, First, Leg, Met, Nth, Opening, Seen};
 use crate::transport::record::{Event, MediumSpan, Recorder};
+use crate::transport::shot::Place;
 use crate::transport::velocity::Velocity;
 use crate::transport::walk::{Stage, State, Walker};
 

@@ -4,12 +4,12 @@
 //! edge shows a hundredth of it: samples that choose the place by length find it once in a hundred times. Crossings are therefore asked for at a few points of each edge, and how far they lie within the borders of
 //! their faces is interpolated between: where all of that is positive is a *window*. Windows only guide: they are widened, and a share of all samples is spread over the whole edges.
 
-use super::fermat::Planes;
-use super::shot::{Eye, Step};
 use crate::math::DVec3;
 use crate::math::discrete::Discrete;
+use crate::math::fermat::Planes;
 use crate::scene::Scene;
 use crate::shape::edges::{border, with_corners};
+use crate::transport::shot::{Eye, Step};
 
 /// Pieces of an edge whose ends are asked for.
 pub const PIECES: usize = 8;

@@ -2,7 +2,7 @@
 //!
 //! A ray that a smooth interface will turn holds its direction at the eye or vertex that it leaves (its film point, at the camera), and all that follows slides on it. Whatever the light jumps at
 //! behind the interface moves over those directions: an edge at B, whose rays move there with u, gives `∫ f W sin α / |J| <n, u - ẋ_B> (L⁺ - L⁻) dl` (n toward L⁺, α between edge
-//! and ray, W the share of light that the chain lets through, J the area across the ray at B over the solid angle at the eye: [`super::shot`]). The outline of a ball is such an edge, too.
+//! and ray, W the share of light that the chain lets through, J the area across the ray at B over the solid angle at the eye: [`crate::transport::shot`]). The outline of a ball is such an edge, too.
 //! Three kinds of lines remain for this room:
 //!
 //! * from the camera by way of interfaces (outward, onto the film),
@@ -20,7 +20,6 @@ use super::grazing_line::{Curve, seen_on};
 use super::known_chains::KnownChains;
 use super::seen_path::{Path, Vertex};
 use super::sheet::Partials;
-use super::shot::{self, Drawn, Eye, Place, Shot, Start, Step, Target};
 use super::shown::Spot;
 use super::{Context, Motion, Room, Sample};
 use crate::math::discrete::Discrete;
@@ -33,6 +32,7 @@ use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use crate::transport::first::FilmLine;
 use crate::transport::ray::MovingRay;
+use crate::transport::shot::{self, Drawn, Eye, Place, Shot, Start, Step, Target};
 use crate::transport::walk::Stage;
 use std::borrow::Cow;
 use std::cell::Cell;

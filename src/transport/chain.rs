@@ -8,13 +8,13 @@ use super::record::{End, Recorder};
 use super::vertex::Vertex;
 use super::walk::{State, Walker};
 use crate::light::Origin;
-use crate::math::fold::{self, Arrival, Fold, MOST};
-use crate::math::fresnel::{Interface, conductor};
+use crate::math::fermat::{self, Eye, Onward, Planes};
+use crate::math::fold::{self, Fold};
+use crate::math::fresnel::Interface;
 use crate::math::{DVec3, Dual, Rgb, V3, warp};
-use crate::scene::Scene;
 use crate::scene::beams::{Step, Way};
-use crate::scene::chains::Chain;
-use crate::surface::Surface;
+use crate::scene::chains::{Chain, Link, MOST};
+use crate::scene::{Scene, effort};
 use smallvec::SmallVec;
 
 /// How far from a light a line may end, over its length.
@@ -69,14 +69,22 @@ fn way(
 ) -> Option<(Way, SmallVec<[DVec3; MOST]>)> {
     let folds: SmallVec<[Fold; MOST]> = chain.links.iter().map(|l| scene.chains.fold(scene, l)).collect();
     let arrives = match from {
-        Origin::Position(q) => match fold::arrival(q.value(), &folds, x) {
-            Arrival::Along(w) => w,
-            Arrival::Never => return None,
-            Arrival::Unsettled => {
-                *unsettled += 1;
-                return None;
+        Origin::Position(q) => {
+            effort::note(2);
+            let hull = |l: &Link| scene.chains.faces[l.face as usize].corners().into();
+            let each = folds.iter().copied().zip(chain.links.iter().map(hull));
+            let (image, unfolded) = fold::unfold(q.value(), each);
+            let hulls: SmallVec<[&[DVec3]; MOST]> = unfolded.iter().map(|u| &u.1[..]).collect();
+            let planes = Planes::new(unfolded.iter().map(|u| u.0), Onward::Both);
+            match planes.arrival(&Eye::Point(image), image, x, &hulls) {
+                fermat::Way::Found(w) => w,
+                fermat::Way::None => return None,
+                fermat::Way::Lost => {
+                    *unsettled += 1;
+                    return None;
+                }
             }
-        },
+        }
         Origin::Infinity(v) => folds.iter().try_fold(v.value(), |w, f| f.behind(w))?,
     };
     // Back from x.
@@ -112,18 +120,7 @@ fn way(
         }
     }
     let gain = spread(&folds, from, w, x)?;
-    let shares = steps.iter().zip(&chain.links).fold(Rgb::ONE, |g, (s, l)| {
-        let c = s.before.dot(s.n).abs();
-        g * match scene.surface_of(s.shape) {
-            Surface::Dielectric { interior, exterior, .. } => {
-                let [n0, n1] = if l.front { [exterior, interior] } else { [interior, exterior] };
-                let f = Interface::new(c, *n0, *n1).reflectance();
-                Rgb::splat(if s.through { 1.0 - f } else { f })
-            }
-            Surface::Conductor { eta, k, .. } => Rgb::from_fn(|i| conductor(c, eta[i], k[i])),
-            _ => Rgb::ZERO,
-        }
-    });
+    let shares = steps.iter().fold(Rgb::ONE, |g, s| g * pane::share(scene, s));
     let gain = shares * gain;
     let way = Way { light: chain.light, steps, w: arrives, gain };
     (!gain.is_zero() && gain.is_finite()).then_some((way, points))

@@ -1,7 +1,6 @@
 use super::*;
 use crate::math::rng::{Purpose, Rng};
 use crate::scene::On;
-use crate::scene::chains::Link;
 use crate::scene::compile::LoadOptions;
 use crate::scene::desc::SceneDesc;
 use crate::transport::beam;

@@ -199,6 +199,22 @@ pub(super) struct Found<'a> {
     pub end: End,
 }
 
+/// What a face on the way leaves of the light: what it lets through, or mirrors.
+pub(super) fn share(scene: &Scene, s: &Step) -> Rgb {
+    let c = s.before.dot(s.n);
+    match scene.surface_of(s.shape) {
+        Surface::Dielectric { interior, exterior, .. } => {
+            let [n0, n1] = if c < 0.0 { [exterior, interior] } else { [interior, exterior] };
+            let f = Interface::new(c.abs(), *n0, *n1).reflectance();
+            Rgb::splat(if s.through { 1.0 - f } else { f })
+        }
+        Surface::Conductor { eta, k, two_sided, .. } if !s.through && (c < 0.0 || *two_sided) => {
+            Rgb::from_fn(|i| fresnel::conductor(c.abs(), eta[i], k[i]))
+        }
+        _ => Rgb::ZERO,
+    }
+}
+
 /// Score it, if nothing stands on it. Returns what it adds.
 pub(super) fn score<R: Recorder>(w: &mut Walker<R>, s: &State, vertex: &Vertex, f: &Found) -> Option<Rgb> {
     let (scene, toward) = (w.scene, -f.way.w);

@@ -14,7 +14,9 @@ use super::record::{End, Event, MediumSpan, Prefix, Recorder};
 use super::tracking;
 use super::twin::{self, Twin};
 use super::vertex::{Facing, Vertex};
-use super::{ball, beam, beam_centred, beside, camera_line, chain, connect, glow, light_centred, pane, specular};
+use super::{
+    ball, beam, beam_centred, beside, camera_line, chain, connect, glow, light_centred, manifold, pane, specular,
+};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
@@ -383,6 +385,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             pane::connect(self, s, &Vertex::Medium(id));
             chain::connect(self, s, &Vertex::Medium(id));
             ball::connect(self, s, &Vertex::Medium(id));
+            manifold::connect(self, s, &Vertex::Medium(id));
             glow::connect(self, s, &Vertex::Medium(id));
         }
         s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);
@@ -499,6 +502,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             pane::connect(self, s, &vertex);
             chain::connect(self, s, &vertex);
             ball::connect(self, s, &vertex);
+            manifold::connect(self, s, &vertex);
             light_centred::connect(self, s, &vertex, twin.as_ref());
             beam_centred::connect(self, s, &vertex);
             glow::connect(self, s, &vertex);

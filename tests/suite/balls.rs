@@ -99,7 +99,9 @@ fn what_is_left_out_is_warned_of() {
     assert!(warns(&caustic(GLASS, &inside)));
     assert!(warns(&caustic(&format!(r#"<boolean name="flip_normals" value="true"/>{METAL}"#), POINT)));
     let pane = r#"<shape type="rectangle"><bsdf type="dielectric"/></shape>"#;
-    assert!(warns(&caustic(GLASS, &format!("{POINT}{pane}"))));
+    assert!(!warns(&caustic(GLASS, &format!("{POINT}{pane}"))));
+    let deep = |depth: u32| caustic(GLASS, POINT).replace(r#"value="6""#, &format!(r#"value="{depth}""#));
+    assert!(!warns(&deep(14)) && warns(&deep(15)));
 }
 
 /// Milk in a ball of glass is sheltered from the sun; fog around a hollow whose front is its inside is not, nor what a border of nothing lets light into.

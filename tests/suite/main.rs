@@ -26,6 +26,7 @@ mod geometry;
 mod level_set;
 mod light_motion;
 mod light_shadow;
+mod manifold;
 mod mirror;
 mod motion_fields;
 mod moving_media;

@@ -9,12 +9,9 @@
 //! there, before which Newton's method sticks. That it is the least is certified by a subgradient that vanishes: with the shortest segments taken out, the points of their planes
 //! held together (which has a smooth least way), there must be a "direction" of length below 1 for each missing segment so that no point moves. What is not certified is left to softened distances.
 
-use super::shot::{Eye, Start};
-use crate::math::{DVec3, warp};
-use crate::scene::{Scene, effort};
-use crate::shape::{Geometry, Shape};
-use crate::surface::Surface;
-use crate::transport::ray::Specular;
+use super::fold::Fold;
+use super::{DVec3, warp};
+use smallvec::SmallVec;
 
 /// Planes of a chain at most.
 pub const PLANES: usize = 8;
@@ -29,6 +26,8 @@ const PARALLEL: f64 = 1e-6;
 const IN_PLANE: f64 = 1e-9;
 /// What the length falls by, over itself, that no sum of it can tell.
 const ROUNDING: f64 = 1e-15;
+/// Steps after which it is asked whether the least way is far from where it has to be.
+const EARLY: usize = 3;
 /// The share of a step that is left where it is cut short, and how often that may be.
 const SHORT: f64 = 0.125;
 const PATIENCE: usize = 2;
@@ -36,6 +35,22 @@ const PATIENCE: usize = 2;
 const LONG: f64 = 1e-6;
 /// How far below 1 the length of a subgradient has to be.
 const STRICT: f64 = 1e-9;
+
+/// What holds for all rays of an eye, or of a light without extent: light takes the same way to and fro.
+#[derive(Clone, Copy, Debug)]
+pub enum Eye {
+    /// They start here.
+    Point(DVec3),
+    /// They run along this unit direction.
+    Parallel(DVec3),
+}
+
+/// A ray of an eye.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    pub o: DVec3,
+    pub w: DVec3,
+}
 
 /// A plane through p, or, where axes are zero, a line or a point.
 #[derive(Clone, Copy, Debug)]
@@ -80,77 +95,102 @@ impl Plane {
 
 /// What there is by a chain to a point.
 #[derive(Clone, Copy, Debug)]
-pub enum Way {
-    Ray(Start),
+pub enum Way<T> {
+    Found(T),
     None,
     /// The iteration ended nowhere.
     Lost,
 }
 
+impl<T> Way<T> {
+    fn and_then<U>(self, f: impl FnOnce(T) -> Option<U>) -> Way<U> {
+        match self {
+            Way::Found(t) => f(t).map_or(Way::None, Way::Found),
+            Way::None => Way::None,
+            Way::Lost => Way::Lost,
+        }
+    }
+}
+
 /// A chain of flat faces, without their borders.
 #[derive(Clone, Debug)]
 pub struct Planes {
-    planes: Vec<Plane>,
+    planes: SmallVec<[Plane; 4]>,
     /// Index of refraction before each plane, and behind the last, relative to the first.
-    index: Vec<f64>,
+    index: SmallVec<[f64; 5]>,
     onward: Onward,
 }
 
 /// To where light goes on from the last plane of a chain.
 #[derive(Clone, Copy, Debug)]
-enum Onward {
+pub enum Onward {
     /// To both sides: a mirror may be met from either, by the same steps.
     Both,
     /// To where this normal points. The index behind an interface says from which side it is met.
     Side(DVec3),
 }
 
+/// What Newton's method comes to.
+enum End {
+    Least,
+    /// Of the hulls within which points have to be.
+    Outside,
+    Stuck,
+}
+
 impl Planes {
-    /// `None` if a face is not flat, or there are too many.
-    pub fn of(scene: &Scene, chain: &[Specular]) -> Option<Planes> {
-        if chain.is_empty() || chain.len() > PLANES {
-            return None;
-        }
-        let (mut planes, mut index) = (Vec::new(), Vec::new());
+    /// Of some planes, [`PLANES`] at most; those points of them that a way is looked for from.
+    pub fn new(folds: impl IntoIterator<Item = Fold>, onward: Onward) -> Planes {
+        let (mut planes, mut index) = (SmallVec::new(), SmallVec::new());
         // Only ratios matter.
         let mut now = 1.0;
-        for s in chain {
-            let shape = &scene.shapes[s.hit.shape as usize];
-            if matches!(shape.shape, Shape::Sphere(_) | Shape::Cylinder(_)) {
-                return None;
-            }
-            let n = shape.shape.normal(s.hit.face, s.hit.p);
-            let (x, y) = warp::frame(n);
-            planes.push(Plane { p: s.hit.p, x, y });
+        for f in folds {
+            let (x, y) = warp::frame(f.n);
+            planes.push(Plane { p: f.p, x, y });
             index.push(now);
-            if let (true, Surface::Dielectric { interior, exterior, .. }) =
-                (s.through, &scene.surfaces[shape.surface as usize])
-            {
-                now *= if s.w.dot(n) < 0.0 { interior / exterior } else { exterior / interior };
+            if f.through {
+                now *= f.index[1] / f.index[0];
             }
         }
         index.push(now);
-        let last = chain.last()?;
-        let onward = match scene.surface_of(last.hit.shape) {
-            Surface::Dielectric { .. } => {
-                let n = planes.last()?.normal();
-                Onward::Side(n * n.dot(last.out).signum())
-            }
-            _ => Onward::Both,
-        };
-        Some(Planes { planes, index, onward })
+        Planes { planes, index, onward }
     }
 
     /// The eye's ray to e; `o`: where one of its rays starts.
-    pub fn ray(&self, eye: &Eye, o: DVec3, e: DVec3) -> Way {
+    pub fn ray(&self, eye: &Eye, o: DVec3, e: DVec3) -> Way<Start> {
+        match self.planes.len() {
+            0..=2 => self.least::<4>(eye, o, e, &[]).and_then(|q| self.start(eye, o, &q)),
+            3..=4 => self.least::<8>(eye, o, e, &[]).and_then(|q| self.start(eye, o, &q)),
+            _ => self.least::<UNKNOWNS>(eye, o, e, &[]).and_then(|q| self.start(eye, o, &q)),
+        }
+    }
+
+    /// The direction in which that ray arrives, if it crosses each plane within the convex hull of some points; others may be told as well.
+    pub fn arrival(&self, eye: &Eye, o: DVec3, e: DVec3, hulls: &[&[DVec3]]) -> Way<DVec3> {
+        match self.planes.len() {
+            0 => (e - o).try_normalize().map_or(Way::None, Way::Found),
+            1..=2 => self.least::<4>(eye, o, e, hulls).and_then(|q| self.last_direction(e, &q)),
+            3..=4 => self.least::<8>(eye, o, e, hulls).and_then(|q| self.last_direction(e, &q)),
+            _ => self.least::<UNKNOWNS>(eye, o, e, hulls).and_then(|q| self.last_direction(e, &q)),
+        }
+    }
+
+    fn last_direction<const N: usize>(&self, e: DVec3, q: &Vector<N>) -> Option<DVec3> {
+        (e - self.point(self.planes.len() - 1, q)).try_normalize()
+    }
+
+    /// Where it crosses the planes.
+    fn least<const N: usize>(&self, eye: &Eye, o: DVec3, e: DVec3, hulls: &[&[DVec3]]) -> Way<Vector<N>> {
         let size = self.size(o, e);
         if !self.goes_on_to(e, size) {
             return Way::None;
         }
         // From the ray that the chain was met by, which misses no segment.
-        let mut q = [0.0; UNKNOWNS];
-        if self.dive(eye, o, e, &mut q, size) {
-            return self.way(eye, o, &q);
+        let mut q: Vector<N> = [0.0; N];
+        match self.newton(eye, o, e, &mut q, 0.0, size, PATIENCE, hulls) {
+            End::Least => return Way::Found(q),
+            End::Outside => return Way::None,
+            End::Stuck => {}
         }
         if self.kink(eye, o, e, &q, size).is_some() {
             return Way::None;
@@ -158,10 +198,20 @@ impl Planes {
         self.softly(eye, o, e, size)
     }
 
+    /// Whether no point of the hulls is the least: the length is convex, so that where it is less its gradient points away.
+    fn is_outside<const N: usize>(&self, q: &Vector<N>, gradient: &Vector<N>, hulls: &[&[DVec3]], slack: f64) -> bool {
+        let toward = |i: usize| {
+            let (p, at) = (&self.planes[i], self.point(i, q));
+            let slope = p.x * gradient[2 * i] + p.y * gradient[2 * i + 1];
+            hulls[i].iter().map(|c| slope.dot(*c - at)).fold(f64::INFINITY, f64::min)
+        };
+        !hulls.is_empty() && (0..self.planes.len()).map(toward).sum::<f64>() > slack
+    }
+
     /// Where the eye's ray to e crosses the planes; `None` where it is not found at once.
     pub fn crossings(&self, eye: &Eye, o: DVec3, e: DVec3) -> Option<Vec<DVec3>> {
         let size = self.size(o, e);
-        let mut q = [0.0; UNKNOWNS];
+        let mut q: Vector<UNKNOWNS> = [0.0; UNKNOWNS];
         let found = self.goes_on_to(e, size) && self.dive(eye, o, e, &mut q, size);
         found.then(|| (0..self.planes.len()).map(|i| self.point(i, &q)).collect())
     }
@@ -181,13 +231,13 @@ impl Planes {
         }
     }
 
-    /// [`Self::ray`] where no kink is certified. Where planes meet, distances may vanish and their sum has a kink that holds the iteration up. Softened ones, `√(d² + ε²)`, are convex and have none: then ε falls.
+    /// [`Self::least`] where no kink is certified. Where planes meet, distances may vanish and their sum has a kink that holds the iteration up. Softened ones, `√(d² + ε²)`, are convex and have none: then ε falls.
     /// Where the least way has a segment of no length light takes no way at all.
-    // Out of line: rare, and its arrays would lie on the stack of every call of `ray`.
+    // Out of line: rare, and its arrays would lie on the stack of every call of `least`.
     #[inline(never)]
-    fn softly(&self, eye: &Eye, o: DVec3, e: DVec3, size: f64) -> Way {
+    fn softly<const N: usize>(&self, eye: &Eye, o: DVec3, e: DVec3, size: f64) -> Way<Vector<N>> {
         let k = self.planes.len();
-        let mut q = [0.0; UNKNOWNS];
+        let mut q: Vector<N> = [0.0; N];
         for (i, p) in self.planes.iter().enumerate() {
             let off = o.lerp(e, (i as f64 + 1.0) / (k as f64 + 1.0)) - p.p;
             (q[2 * i], q[2 * i + 1]) = (off.dot(p.x), off.dot(p.y));
@@ -197,7 +247,7 @@ impl Planes {
         }
         let soft = q;
         if self.descend(eye, o, e, &mut q, 0.0, size) {
-            return self.way(eye, o, &q);
+            return Way::Found(q);
         }
         let length = |i: usize| {
             let (a, b) = self.segment(eye, o, e, &soft, i);
@@ -207,18 +257,18 @@ impl Planes {
     }
 
     /// The ray by these points.
-    fn way(&self, eye: &Eye, o: DVec3, q: &Vector) -> Way {
+    fn start<const N: usize>(&self, eye: &Eye, o: DVec3, q: &Vector<N>) -> Option<Start> {
         let first = self.point(0, q);
         match eye {
-            Eye::Point(_) => (first - o).try_normalize().map_or(Way::None, |w| Way::Ray(Start { o, w })),
-            Eye::Parallel(w) => Way::Ray(Start { o: first - *w * (first - o).dot(*w), w: *w }),
+            Eye::Point(_) => (first - o).try_normalize().map(|w| Start { o, w }),
+            Eye::Parallel(w) => Some(Start { o: first - *w * (first - o).dot(*w), w: *w }),
         }
     }
 
     /// Points of the least way on each plane, where it misses segments. It is found from where the iteration stuck: the shortest segments are taken out, their planes' points held together, until
     /// the rest has a least way. The length is convex, so that this is the least of all if 0 is a subgradient there. `None`: not certified.
     #[inline(never)]
-    fn kink(&self, eye: &Eye, o: DVec3, e: DVec3, stuck: &Vector, size: f64) -> Option<Vec<DVec3>> {
+    fn kink<const N: usize>(&self, eye: &Eye, o: DVec3, e: DVec3, stuck: &Vector<N>, size: f64) -> Option<Vec<DVec3>> {
         let k = self.planes.len();
         let mut at: Vec<DVec3> = (0..k).map(|i| self.point(i, stuck)).collect();
         let mut groups: Vec<[usize; 2]> = (0..k).map(|i| [i, i]).collect();
@@ -234,7 +284,7 @@ impl Planes {
             };
             let (fewer, less) = shortest.into_iter().find_map(merged)?;
             groups = fewer;
-            let mut q: Vector = [0.0; UNKNOWNS];
+            let mut q: Vector<N> = [0.0; N];
             let least = less.dive(eye, o, e, &mut q, size);
             for (j, g) in groups.iter().enumerate() {
                 at[g[0]..=g[1]].fill(less.point(j, &q));
@@ -306,32 +356,50 @@ impl Planes {
     }
 
     /// [`Self::descend`] without softness and without patience: given up where steps have to be cut short again and again, as they do before a kink.
-    fn dive(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector, size: f64) -> bool {
-        self.newton(eye, o, e, q, 0.0, size, PATIENCE)
+    fn dive<const N: usize>(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector<N>, size: f64) -> bool {
+        matches!(self.newton(eye, o, e, q, 0.0, size, PATIENCE, &[]), End::Least)
     }
 
     /// Newton's method from `q`, to the end; whether there is one.
-    fn descend(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector, soft: f64, size: f64) -> bool {
-        self.newton(eye, o, e, q, soft, size, usize::MAX)
+    fn descend<const N: usize>(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector<N>, soft: f64, size: f64) -> bool {
+        matches!(self.newton(eye, o, e, q, soft, size, usize::MAX, &[]), End::Least)
     }
 
-    fn newton(&self, eye: &Eye, o: DVec3, e: DVec3, q: &mut Vector, soft: f64, size: f64, mut patience: usize) -> bool {
-        effort::note(2);
+    #[allow(clippy::too_many_arguments)]
+    fn newton<const N: usize>(
+        &self,
+        eye: &Eye,
+        o: DVec3,
+        e: DVec3,
+        q: &mut Vector<N>,
+        soft: f64,
+        size: f64,
+        mut patience: usize,
+        hulls: &[&[DVec3]],
+    ) -> End {
         let n = 2 * self.planes.len();
         let mut length = self.length(eye, o, e, q, soft);
-        for _ in 0..200 {
-            let Some((gradient, mut hessian)) = self.slopes(eye, o, e, q, soft) else { return false };
-            let Some(by) = solve(&mut hessian, gradient, n) else { return false };
+        for k in 0..200 {
+            let Some((gradient, mut hessian)) = self.slopes(eye, o, e, q, soft) else { return End::Stuck };
+            let Some(by) = solve(&mut hessian, gradient, n) else { return End::Stuck };
             let step = by[..n].iter().map(|b| b * b).sum::<f64>().sqrt();
             let falls: f64 = (0..n).map(|i| gradient[i] * by[i]).sum();
             let from = *q;
             // Of soft lengths no more is asked than where to begin.
             let close = if soft > 0.0 { 0.1 * soft } else { 1e-13 * size };
-            let moved = |t: f64| -> Vector { std::array::from_fn(|i| from[i] - t * by[i]) };
+            let moved = |t: f64| -> Vector<N> { std::array::from_fn(|i| from[i] - t * by[i]) };
+            // Where the least is far outside of the hulls, the slope halfway to it says so.
+            if k < EARLY && !hulls.is_empty() {
+                let halfway = moved(0.5);
+                let slope = self.gradient(eye, o, e, &halfway);
+                if slope.is_some_and(|g| self.is_outside(&halfway, &g, hulls, IN_PLANE * length)) {
+                    return End::Outside;
+                }
+            }
             // As little as rounding can tell: a short step is still good.
             if falls <= ROUNDING * length && step <= 1e-4 * size {
                 *q = moved(1.0);
-                return true;
+                return End::Least;
             }
             let better = std::iter::successors(Some(1.0), |t| Some(0.5 * t)).take(40).find_map(|t| {
                 let next = moved(t);
@@ -339,31 +407,31 @@ impl Planes {
                 (l < length - 1e-4 * t * falls).then_some((next, l, t))
             });
             match better {
-                Some((_, _, t)) if t <= SHORT && patience == 0 => return false,
+                Some((_, _, t)) if t <= SHORT && patience == 0 => return End::Stuck,
                 Some((next, l, t)) => {
                     (*q, length) = (next, l);
                     patience -= usize::from(t <= SHORT);
                 }
                 None if step <= 1e-4 * size => {
                     *q = moved(1.0);
-                    return true;
+                    return End::Least;
                 }
-                None => return false,
+                None => return End::Stuck,
             }
             if step <= close {
-                return true;
+                return End::Least;
             }
         }
-        false
+        End::Stuck
     }
 
-    fn point(&self, i: usize, q: &Vector) -> DVec3 {
+    fn point<const N: usize>(&self, i: usize, q: &Vector<N>) -> DVec3 {
         let p = &self.planes[i];
         p.p + p.x * q[2 * i] + p.y * q[2 * i + 1]
     }
 
     /// Both ends of the i-th segment; the first of parallel rays starts beside where it ends.
-    fn segment(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector, i: usize) -> (DVec3, DVec3) {
+    fn segment<const N: usize>(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector<N>, i: usize) -> (DVec3, DVec3) {
         let to = if i == self.planes.len() { e } else { self.point(i, q) };
         match (i, eye) {
             (0, Eye::Point(_)) => (o, to),
@@ -372,7 +440,7 @@ impl Planes {
         }
     }
 
-    fn length(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector, soft: f64) -> f64 {
+    fn length<const N: usize>(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector<N>, soft: f64) -> f64 {
         let segment = |i: usize| {
             let (a, b) = self.segment(eye, o, e, q, i);
             let long = match (i, eye) {
@@ -384,10 +452,36 @@ impl Planes {
         (0..self.index.len()).map(segment).sum()
     }
 
-    /// Gradient and Hessian of the optical length.
-    fn slopes(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector, soft: f64) -> Option<(Vector, Matrix)> {
+    /// Gradient of the optical length.
+    fn gradient<const N: usize>(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector<N>) -> Option<Vector<N>> {
         let k = self.planes.len();
-        let (mut g, mut h) = ([0.0; UNKNOWNS], [[0.0; UNKNOWNS]; UNKNOWNS]);
+        let mut g = [0.0; N];
+        for (i, &n) in self.index.iter().enumerate() {
+            let (a, b) = self.segment(eye, o, e, q, i);
+            let u = match (i, eye) {
+                (0, Eye::Parallel(w)) => *w,
+                _ => (b - a).try_normalize()?,
+            };
+            let ends = [i.checked_sub(1).map(|j| (j, -n)), (i < k).then_some((i, n))];
+            for (j, n) in ends.into_iter().flatten() {
+                g[2 * j] += n * u.dot(self.planes[j].x);
+                g[2 * j + 1] += n * u.dot(self.planes[j].y);
+            }
+        }
+        Some(g)
+    }
+
+    /// Gradient and Hessian of the optical length.
+    fn slopes<const N: usize>(
+        &self,
+        eye: &Eye,
+        o: DVec3,
+        e: DVec3,
+        q: &Vector<N>,
+        soft: f64,
+    ) -> Option<(Vector<N>, Matrix<N>)> {
+        let k = self.planes.len();
+        let (mut g, mut h) = ([0.0; N], [[0.0; N]; N]);
         for (i, &n) in self.index.iter().enumerate() {
             let (a, b) = self.segment(eye, o, e, q, i);
             let straight = i == 0 && matches!(eye, Eye::Parallel(_));
@@ -426,11 +520,12 @@ impl Planes {
     }
 }
 
-type Vector = [f64; UNKNOWNS];
-type Matrix = [Vector; UNKNOWNS];
+/// Two unknowns a plane; N is at least as many, and small chains have small matrices.
+type Vector<const N: usize> = [f64; N];
+type Matrix<const N: usize> = [[f64; N]; N];
 
 /// `h⁻¹ g` for a positive h of n rows, by Cholesky's method; `None` if it is singular.
-fn solve(h: &mut Matrix, g: Vector, n: usize) -> Option<Vector> {
+fn solve<const N: usize>(h: &mut Matrix<N>, g: Vector<N>, n: usize) -> Option<Vector<N>> {
     for i in 0..n {
         for j in 0..=i {
             let sum: f64 = h[i][j] - (0..j).map(|k| h[i][k] * h[j][k]).sum::<f64>();

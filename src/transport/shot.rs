@@ -1,7 +1,7 @@
 //! Shots: rays from an eye by way of smooth interfaces to a given point, such as one of an edge, or past a ball ([T] 6.2, 6.4).
 //!
 //! A chain of interfaces takes every ray of an eye to one line. Which of the eye's rays it takes to the point e is found by Newton's method on the ray itself, with dual numbers
-//! through the chain's planes and spheres as if they had no borders; then the ray is walked through the scene, and counts only if it meets just those faces. Its Jacobian
+//! through the chain's planes, spheres and cylinders as if they had no borders; then the ray is walked through the scene, and counts only if it meets just those faces. Its Jacobian
 //! is the area across the ray at e over the solid angle at the eye (over the area, for parallel rays): what [T] (47) and (48) have without the light's share.
 //!
 //! A ball's outline, as a chain shows it, is a curve that no formula gives. A great circle drawn at random crosses it in points that Newton's method finds, and the mean number
@@ -10,15 +10,16 @@
 //! Nothing lists chains or their solutions. Both are drawn: a random ray finds a chain, Newton's method goes on from there. How probable the result was nobody knows, but
 //! the number of further trials until it is found once more has the mean 1/P (Booth, "Unbiased Monte Carlo Estimation of the Reciprocal of an Integral", 2007).
 
+use super::line::Line;
+use super::ray::Specular;
+use super::specular;
+pub use crate::math::fermat::{Eye, Start};
 use crate::math::fresnel::Interface;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Dual, Real, Rgb, V3, warp};
 use crate::scene::{On, Scene, effort};
 use crate::shape::{Geometry, Shape, Sphere};
 use crate::surface::Surface;
-use crate::transport::line::Line;
-use crate::transport::ray::Specular;
-use crate::transport::specular;
 use std::f64::consts::PI;
 
 /// Two coordinates of an eye's rays.
@@ -37,22 +38,6 @@ const GOES_ON: f64 = 0.4;
 const GOES_ON_MIRRORED: f64 = 0.7;
 /// A ray goes either way at least so often.
 const EITHER: f64 = 0.15;
-
-/// What holds for all rays of an eye.
-#[derive(Clone, Copy, Debug)]
-pub enum Eye {
-    /// They start here.
-    Point(DVec3),
-    /// They run along this unit direction.
-    Parallel(DVec3),
-}
-
-/// A ray of an eye.
-#[derive(Clone, Copy, Debug)]
-pub struct Start {
-    pub o: DVec3,
-    pub w: DVec3,
-}
 
 /// A face of a chain, and whether rays go through it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -189,7 +174,7 @@ pub fn random_chain(scene: &Scene, start: Start, place: &Place, rng: &mut Rng) -
     (!left.chain.is_empty()).then_some(left.chain)
 }
 
-/// A ray behind one more face of a chain, whose plane or sphere has no borders; `last`: the shape that it starts on.
+/// A ray behind one more face of a chain, whose plane, sphere or cylinder has no borders; `last`: the shape that it starts on.
 fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step, last: Option<u32>) -> Option<(V3<D2>, V3<D2>)> {
     let instance = &scene.shapes[step.shape as usize];
     let (p, n) = match &instance.shape {
@@ -208,6 +193,24 @@ fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step, last: Option<u32>
             }
             let front = s.normal(0, p.value()).dot(p.value() - s.center).signum();
             (p, (p - V3::constant(s.center)) * Dual::constant(front / s.radius))
+        }
+        Shape::Cylinder(s) => {
+            let axis = V3::constant(s.axis);
+            let across = |v: V3<D2>| v - axis * v.dot(axis);
+            let (off, w) = (across(o - V3::constant(s.base)), across(d));
+            let (a, b, c) = (w.dot(w), off.dot(w), off.dot(off) - s.radius * s.radius);
+            let q = b * b - a * c;
+            if q.v <= 0.0 || a.v <= 0.0 {
+                return None;
+            }
+            let inside = last == Some(step.shape) || c.v < 0.0;
+            let t = if inside { -b + q.sqrt() } else { -b - q.sqrt() } / a;
+            if t.v <= 0.0 {
+                return None;
+            }
+            let p = o + d * t;
+            let front = s.normal(0, p.value()).dot(s.from_axis(p.value())).signum();
+            (p, across(p - V3::constant(s.base)) * Dual::constant(front / s.radius))
         }
         flat => {
             let at = match flat {
@@ -414,7 +417,33 @@ pub fn by(scene: &Scene, eye: &Eye, near: Start, place: &Place, chain: &[Step], 
     fire(scene, eye, found, place, chain, target, past)
 }
 
-fn steps(chain: &[Specular]) -> Vec<Step> {
+/// Of a ray from a light that a chain takes to e: where it meets each face, the front's normal and the directions before and behind there, and [`Shot::spread`].
+pub type Crossing = (DVec3, DVec3, [DVec3; 2]);
+
+/// The light's ray to e by a chain, from one near it; whether anything stands on the way is for others to say.
+pub fn to_point(
+    scene: &Scene,
+    eye: &Eye,
+    near: Start,
+    chain: &[Step],
+    e: DVec3,
+) -> Option<(Start, Vec<Crossing>, f64)> {
+    let target = Target::Point(e);
+    let found = solve(scene, eye, near, chain, &target)?;
+    let (mut ray, mut last, mut crossings) = (eye.ray(found), None, Vec::with_capacity(chain.len()));
+    for step in chain {
+        let before = ray.1.value();
+        ray = carry(scene, ray, step, last)?;
+        last = Some(step.shape);
+        let (p, behind) = (ray.0.value(), ray.1.value());
+        crossings.push((p, scene.shapes[step.shape as usize].shape.normal(step.face, p), [before, behind]));
+    }
+    let ahead = (e - ray.0.value()).dot(ray.1.value()) > 0.0;
+    let spread = miss(scene, eye, found, chain, &target)?.spread(&target);
+    (ahead && spread > 0.0 && spread.is_finite()).then_some((found, crossings, spread))
+}
+
+pub fn steps(chain: &[Specular]) -> Vec<Step> {
     chain.iter().map(Step::of).collect()
 }
 
@@ -452,20 +481,32 @@ impl Drawn {
         place: &Place,
         target: &Target,
         rng: &mut Rng,
-        mut random: impl FnMut(&mut Rng) -> Option<Start>,
+        random: impl FnMut(&mut Rng) -> Option<Start>,
     ) -> Option<f64> {
-        let own = self.shot.start;
-        (1..=TRIALS).find_map(|k| {
-            let start = random(rng)?;
-            if steps(&random_chain(scene, start, place, rng)?) != self.chain {
-                return None;
-            }
-            let s = solve(scene, eye, start, &self.chain, target)?;
-            let size = (self.shot.e - own.o).length();
-            let same = (s.w - own.w).length() <= SAME && (s.o - own.o).length() <= SAME * size;
-            same.then_some(f64::from(k))
-        })
+        let size = (self.shot.e - self.shot.start.o).length();
+        trials(scene, eye, place, (&self.chain, target), (self.shot.start, size), rng, random)
     }
+}
+
+/// How many draws it takes to find a ray once more by this chain, `own` and the size of its way.
+pub fn trials(
+    scene: &Scene,
+    eye: &Eye,
+    place: &Place,
+    (chain, target): (&[Step], &Target),
+    (own, size): (Start, f64),
+    rng: &mut Rng,
+    mut random: impl FnMut(&mut Rng) -> Option<Start>,
+) -> Option<f64> {
+    (1..=TRIALS).find_map(|k| {
+        let start = random(rng)?;
+        if steps(&random_chain(scene, start, place, rng)?) != chain {
+            return None;
+        }
+        let s = solve(scene, eye, start, chain, target)?;
+        let same = (s.w - own.w).length() <= SAME && (s.o - own.o).length() <= SAME * size;
+        same.then_some(f64::from(k))
+    })
 }
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
 //! Shots past balls, against outlines that formulas give.
 
-use super::super::grazing_line::Curve;
 use super::*;
 use crate::math::stats::Moments;
 use crate::scene::SceneDesc;
 use crate::scene::compile::LoadOptions;
+use crate::term::grazing_line::Curve;
 use std::f64::consts::TAU;
 
 fn compile(text: &str) -> Scene {
