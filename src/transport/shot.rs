@@ -31,6 +31,8 @@ const TRIALS: u32 = 1 << 20;
 const EXACT: f64 = 1e-11;
 /// How near to each other two solutions are the same.
 pub const SAME: f64 = 1e-6;
+/// Or this, where the target cannot tell one from the other.
+const NEAR: f64 = 1e-4;
 /// How far before e, as a share of the last piece, a face may be met that e itself lies on.
 const AT_THE_EDGE: f64 = 1e-6;
 /// A random chain goes on behind an interface so often; where all is mirrored more often, because that costs no light.
@@ -498,14 +500,23 @@ pub fn trials(
     rng: &mut Rng,
     mut random: impl FnMut(&mut Rng) -> Option<Start>,
 ) -> Option<f64> {
+    let there = miss(scene, eye, own, chain, target)?;
+    let (x, y) = warp::frame(own.w);
+    let is_same = |s: Start| {
+        let (by, unit) = match eye {
+            Eye::Point(_) => (s.w - own.w, 1.0),
+            Eye::Parallel(_) => (s.o - own.o, size),
+        };
+        // Near a caustic rays differ by more than what they miss the target by.
+        let moved = there.by[0] * by.dot(x) + there.by[1] * by.dot(y);
+        by.length() <= SAME * unit || by.length() <= NEAR * unit && moved.length() <= 10.0 * EXACT * there.length
+    };
     (1..=TRIALS).find_map(|k| {
         let start = random(rng)?;
         if steps(&random_chain(scene, start, place, rng)?) != chain {
             return None;
         }
-        let s = solve(scene, eye, start, chain, target)?;
-        let same = (s.w - own.w).length() <= SAME && (s.o - own.o).length() <= SAME * size;
-        same.then_some(f64::from(k))
+        solve(scene, eye, start, chain, target).is_some_and(is_same).then_some(f64::from(k))
     })
 }
 
