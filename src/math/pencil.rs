@@ -63,9 +63,9 @@ impl Cone {
         let axis = across * middle.cos() + side * middle.sin();
         let third = side.cross(across);
         let corner = |t: f64| across * t.cos() + (side * azimuth.cos() + third * azimuth.sin()) * t.sin();
-        let angle = [near, far].map(|t| between(axis, corner(t)).max((t - middle).abs()));
-        // Toward the normal directions come nearer to each other, by the ratio at least.
-        let angle = angle[0].max(angle[1]).min(if ratio <= 1.0 { self.angle * ratio } else { PI });
+        let angle = between(axis, corner(near)).max(between(axis, corner(far)));
+        // Toward the normal directions come nearer to each other, and to where the axis goes if it goes through, by the ratio at least.
+        let angle = angle.min(if ratio <= 1.0 && theta < critical { self.angle * ratio } else { PI });
         Some(if angle < far { Cone { axis, angle } } else { all })
     }
 }
@@ -139,11 +139,18 @@ mod tests {
     fn cones_hold_what_interfaces_make_of_them() {
         let mut rng = draws(5);
         let (mut passed, mut tight) = (0, 0.0);
-        for _ in 0..20_000 {
+        for k in 0..20_000 {
             let unit = |rng: &mut Rng| warp::sphere(rng.uniform(), rng.uniform());
             let (n, axis) = (unit(&mut rng), unit(&mut rng));
-            let c = Cone { axis, angle: 10f64.powf(-4.0 * rng.uniform()) };
-            let ratio = (1.4 * (rng.uniform() - 0.5)).exp();
+            let angle = 10f64.powf(-4.0 * rng.uniform());
+            // Axes near the plane, and indices near each other, more often.
+            let axis = if k % 2 == 0 {
+                axis
+            } else {
+                (axis - n * n.dot(axis) - n * (2.0 * rng.uniform() - 1.0).abs() * angle).normalize()
+            };
+            let c = Cone { axis, angle };
+            let ratio = (1.4 * (rng.uniform() - 0.5)).exp().powf(if k % 3 == 0 { 0.1 } else { 1.0 });
             let (through, mirror) = (c.refracted(n, ratio), c.mirrored(n));
             let mut widest = 0f64;
             for _ in 0..16 {

@@ -1,4 +1,4 @@
-//! Warnings that need the whole scene: cameras and lights in media that they do not name.
+//! Warnings that need the whole scene: cameras and lights in media that they do not name, light that smooth surfaces send on and nothing follows.
 
 use super::chains::{MOST, has_flat_faces};
 use super::parts::{Parts, SurfacePart};

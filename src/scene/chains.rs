@@ -190,7 +190,7 @@ fn cone(from: Origin<f64>, corners: &[DVec3]) -> Cone {
     }
 }
 
-/// Whether light in front of a plane falls on it, or beside it nothing does: > 0 in front.
+/// > 0 where light comes from the front of a plane.
 fn height(from: Origin<f64>, p: DVec3, n: DVec3) -> f64 {
     match from {
         Origin::Position(q) => (q.value() - p).dot(n),
@@ -348,11 +348,12 @@ impl Search<'_> {
         let lie = |a: usize, b: usize| {
             let (f, g) = (&faces[a], &faces[b]);
             let flat = |p: DVec3| (p - f.p).dot(f.n).abs() <= slack;
-            let inner = |from: &Face, to: &Face| {
-                let toward = |p: &DVec3| *p + (from.center - *p) * 1e-6;
-                from.corners.iter().map(toward).chain([from.center]).any(|p| to.holds(p))
+            // Convex polygons are apart if a side of one has all of the other before it.
+            let apart = |f: &Face, g: &Face| {
+                let before = |(a, m): (&DVec3, &DVec3)| g.corners.iter().all(|p| (*p - *a).dot(*m) <= slack);
+                f.corners.iter().zip(&f.inward).any(before)
             };
-            f.shape != g.shape && g.corners.iter().all(|&p| flat(p)) && (inner(f, g) || inner(g, f))
+            f.shape != g.shape && g.corners.iter().all(|&p| flat(p)) && !apart(f, g) && !apart(g, f)
         };
         (0..faces.len()).into_par_iter().any(|a| {
             let (mut near, f) = (Vec::new(), &faces[a]);
@@ -424,7 +425,9 @@ impl Scene {
         let body = |s: &Instance| match &s.shape {
             Shape::Mesh(m) => {
                 let t = m.topology();
-                Body { is_closed: t.is_closed() && t.is_consistently_oriented(), is_turned: t.is_inside_out() }
+                // Of several parts one may be in another, or turned against it.
+                let is_body = t.is_closed() && t.is_consistently_oriented() && t.pieces(&m.faces) == 1;
+                Body { is_closed: is_body, is_turned: t.is_inside_out() }
             }
             flat => {
                 let p = flat.position(0, DVec2::splat(0.25));

@@ -190,8 +190,8 @@ pub struct Scene {
     pub columns: columns::Columns,
     /// Smooth balls by which lights without extent are connected to.
     pub balls: Vec<balls::BallOf>,
-    /// Balls around what random rays of lights are sent at.
-    pub seeds: Vec<(DVec3, f64)>,
+    /// Smooth shapes that random rays of lights are sent at.
+    pub seeds: Vec<u32>,
     /// Media that no light from infinity falls into straight: by medium.
     pub sheltered: Vec<bool>,
     /// Flat glass and mirrors beside lights without extent.

@@ -9,14 +9,17 @@ use std::sync::OnceLock;
 /// Parts that so few pencils reach are not divided, nor smaller ones than so much of the pencils' mean radius.
 const FEW: usize = 16;
 const FINE: f64 = 0.5;
-const DEEP: u32 = 10;
+const DEEP: u32 = 8;
+/// Nor those whose parts would know as much, on average.
+const SHORTER: f64 = 0.7;
 /// The box, over the radius of the scene.
 const BOX: f64 = 4.0;
 
 #[derive(Debug, Default)]
 struct Part {
     reached_by: Vec<u32>,
-    parts: OnceLock<Box<[Part; 8]>>,
+    /// None where that brings nothing.
+    parts: OnceLock<Option<Box<[Part; 8]>>>,
 }
 
 /// Pencils, and where they go.
@@ -79,12 +82,15 @@ impl Reach {
             let side = |k: usize, axis: usize| if k >> axis & 1 == 0 { -0.5 * half } else { 0.5 * half };
             let offset = |k: usize| DVec3::new(side(k, 0), side(k, 1), side(k, 2));
             let parts = at.parts.get_or_init(|| {
-                Box::new(std::array::from_fn(|k| {
+                let parts: [Part; 8] = std::array::from_fn(|k| {
                     let (c, r) = (center + offset(k), 0.5 * half * 3f64.sqrt());
                     let reaches = |i: &u32| self.pencils[*i as usize].reaches(c, r);
                     Part { reached_by: at.reached_by.iter().copied().filter(reaches).collect(), parts: OnceLock::new() }
-                }))
+                });
+                let known = parts.iter().map(|p| p.reached_by.len()).sum::<usize>() as f64;
+                (known < SHORTER * 8.0 * at.reached_by.len() as f64).then(|| Box::new(parts))
             });
+            let Some(parts) = parts else { break };
             let k = (0..3).map(|axis| usize::from(x[axis] > center[axis]) << axis).sum();
             (at, center, half, left) = (&parts[k], center + offset(k), 0.5 * half, left - 1);
         }

@@ -6,63 +6,55 @@ use super::chains::{MOST, has_flat_faces};
 use crate::light::{Light, LightKind};
 use crate::math::fermat::{Eye, Start};
 use crate::math::rng::Rng;
-use crate::math::{DVec3, warp};
+use crate::math::warp;
 use crate::shape::{Geometry, Shape};
 use std::f64::consts::PI;
 
-/// A Gaussian beam's rays begin within so many radii.
-const GAUSSIAN: f64 = 3.0;
+/// A Gaussian beam's rays begin within so many radii: of the rest e^-18 is left.
+const MOST_OF_A_GAUSSIAN: f64 = 3.0;
 
 impl Scene {
-    /// Balls around what rays are sent at; none where all ways are listed. Call when shapes, surfaces and lights are known.
+    /// Shapes that rays are sent at; none where all ways are listed. Call when shapes, surfaces and lights are known.
     pub fn prepare_seeds(&mut self) {
-        let smooth = || self.shapes.iter().filter(|s| self.surfaces[s.surface as usize].is_smooth());
-        let curved = |s: &&super::Instance| matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_));
+        let followed = |s: &super::Instance| !matches!(s.shape, Shape::Mesh(_)) || has_flat_faces(s);
+        let smooth = || {
+            let wanted = |s: &super::Instance| self.surfaces[s.surface as usize].is_smooth() && followed(s);
+            (0..).zip(&self.shapes).filter(move |(_, s)| wanted(s))
+        };
+        let curved = |s: &super::Instance| matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_));
         let lit = self.lights.iter().any(|l| l.origin().is_some());
-        let alone = smooth().count() == 1 && smooth().all(|s| matches!(s.shape, Shape::Sphere(_)));
-        let wanted = lit && !alone && smooth().any(|s| curved(&s));
-        let ball = |s: &super::Instance| (s.shape.bounds().center(), s.shape.bounds().radius());
-        self.seeds = smooth().filter(|_| wanted).map(ball).collect();
+        let alone = smooth().count() == 1 && smooth().all(|(_, s)| matches!(s.shape, Shape::Sphere(_)));
+        let wanted = lit && !alone && smooth().any(|(_, s)| curved(s));
+        self.seeds = smooth().filter(|_| wanted).map(|(id, _)| id).collect();
     }
 
-    /// A random ray of a light, at a smooth shape.
+    /// A random ray of a light, at a point of a smooth shape; of a beam narrower than that, any of its rays.
     pub fn seed(&self, light: &Light, eye: &Eye, rng: &mut Rng) -> Option<Start> {
         let k = ((rng.uniform() * self.seeds.len() as f64) as usize).min(self.seeds.len().checked_sub(1)?);
-        let (center, radius) = self.seeds[k];
+        let shape = &self.shapes[self.seeds[k] as usize].shape;
         let (u, v) = (rng.uniform(), rng.uniform());
-        match *eye {
-            Eye::Point(q) => {
-                let to = center - q;
-                let sin = radius / to.length();
-                // All directions, from inside.
-                let least = if sin < 1.0 { (1.0 - sin * sin).sqrt() } else { -1.0 };
-                let axis = to.try_normalize().unwrap_or(DVec3::Z);
-                let (x, y) = warp::frame(axis);
-                let cos = 1.0 - u * (1.0 - least);
-                let (sin, phi) = ((1.0 - cos * cos).max(0.0).sqrt(), 2.0 * PI * v);
-                Some(Start { o: q, w: axis * cos + (x * phi.cos() + y * phi.sin()) * sin })
+        let at = || shape.sample(u, v).p;
+        match (eye, &light.kind) {
+            (Eye::Point(q), _) => Some(Start { o: *q, w: (at() - *q).try_normalize()? }),
+            (Eye::Parallel(w), LightKind::Beam { position, radius, gaussian, .. }) => {
+                let reach = radius * if *gaussian { MOST_OF_A_GAUSSIAN } else { 1.0 };
+                if reach >= shape.bounds().radius() {
+                    let p = at();
+                    return Some(Start { o: p - *w * (p - *position).dot(*w), w: *w });
+                }
+                let ((x, y), r, phi) = (warp::frame(*w), reach * u.sqrt(), 2.0 * PI * v);
+                Some(Start { o: *position + (x * phi.cos() + y * phi.sin()) * r, w: *w })
             }
-            Eye::Parallel(w) => {
-                let (x, y) = warp::frame(w);
-                let disc = |middle: DVec3, r: f64| {
-                    let (r, phi) = (r * u.sqrt(), 2.0 * PI * v);
-                    middle + (x * phi.cos() + y * phi.sin()) * r
-                };
-                let o = match light.kind {
-                    LightKind::Beam { position, radius: r, gaussian, .. } => {
-                        let reach = r * if gaussian { GAUSSIAN } else { 1.0 };
-                        let foot = center - w * (center - position).dot(w);
-                        if reach < radius { disc(position, reach) } else { disc(foot, radius) }
-                    }
-                    _ => disc(center - w * (2.0 * self.bounds.radius() + radius), radius),
-                };
-                Some(Start { o, w })
+            (Eye::Parallel(w), _) => {
+                // From outside of the scene.
+                let far = 2.0 * self.bounds.radius() + (self.bounds.center() - shape.bounds().center()).length();
+                Some(Start { o: at() - *w * far, w: *w })
             }
         }
     }
 
-    /// Whether connections find all ways by these shapes in turn (with the face of a mesh or block each) without being sent to look for them, or cannot find any.
-    pub fn is_listed(&self, light: &Light, shapes: impl Iterator<Item = u32> + Clone) -> bool {
+    /// Whether other connections find all ways by these shapes in turn (one face of each), or cannot find any.
+    pub fn is_left_to_others(&self, light: &Light, shapes: impl Iterator<Item = u32> + Clone) -> bool {
         let each = || shapes.clone().map(|id| &self.shapes[id as usize]);
         // Shaded by vertex normals: not followed.
         if each().any(|s| matches!(s.shape, Shape::Mesh(_)) && !has_flat_faces(s)) {

@@ -96,6 +96,28 @@ impl Topology {
         self.is_closed() && self.is_consistently_oriented() && self.signed_volume < 0.0
     }
 
+    /// How many parts the faces make that share no welded vertex.
+    pub fn pieces(&self, faces: &[[u32; 3]]) -> usize {
+        let mut parent: Vec<u32> = (0..self.welded_vertices as u32).collect();
+        fn root(parent: &mut [u32], mut v: u32) -> u32 {
+            while parent[v as usize] != v {
+                parent[v as usize] = parent[parent[v as usize] as usize];
+                v = parent[v as usize];
+            }
+            v
+        }
+        for f in faces {
+            let [a, b, c] = f.map(|v| root(&mut parent, self.weld[v as usize]));
+            parent[b as usize] = a;
+            let c = root(&mut parent, c);
+            parent[c as usize] = a;
+        }
+        let mut found: Vec<u32> = faces.iter().map(|f| root(&mut parent, self.weld[f[0] as usize])).collect();
+        found.sort_unstable();
+        found.dedup();
+        found.len()
+    }
+
     /// Why this mesh should not bound a medium as it stands; `None` if all is well. Stored soup that welds shut is well.
     pub fn leaks(&self) -> Option<String> {
         let mut parts = Vec::new();

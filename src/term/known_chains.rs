@@ -1,6 +1,6 @@
 //! Chains of flat smooth faces that the camera is known to see by: found once, with random rays, so that samples may choose among them.
 //!
-//! By a chain of planes there is at most one ray to a point ([`super::fermat`]), so that a sample which chooses the chain knows its probability. Chains that are not listed, because they
+//! By a chain of planes there is at most one ray to a point ([`crate::math::fermat`]), so that a sample which chooses the chain knows its probability. Chains that are not listed, because they
 //! bend at spheres, are long, or see little, are left to chance ([`crate::transport::shot::draw`]).
 
 use super::planes::planes;
@@ -61,10 +61,10 @@ impl KnownChains {
         let mut all = 0u32;
         for _ in 0..RAYS {
             let Some(start) = random(&mut rng) else { continue };
-            let Some(chain) = shot::random_chain(scene, start, place, &mut rng) else { continue };
+            let Some(chain) = shot::random_chain(scene, start, place, shot::TO_EDGES, &mut rng) else { continue };
             all += 1;
             let Some(planes) = planes(scene, &chain).filter(|p| finds(p, eye, start, &chain)) else { continue };
-            let steps: Vec<Step> = chain.iter().map(Step::of).collect();
+            let steps: Vec<Step> = shot::steps(scene, &chain);
             let new = || Chain { steps: steps.clone(), planes, o: start.o, rays: 0, shown: None };
             found.entry(steps.clone()).or_insert_with(new).rays += 1;
         }

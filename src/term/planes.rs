@@ -60,7 +60,9 @@ mod tests {
             let start = Start { o, w: (DVec3::new(0.0, 0.0, 0.2) - o).normalize() };
             let mut rng = Rng::keyed(8, 0, 0, 0);
             let mut chains =
-                std::iter::repeat_with(|| shot::random_chain(&scene, start, &place, &mut rng)).take(1000).flatten();
+                std::iter::repeat_with(|| shot::random_chain(&scene, start, &place, shot::TO_EDGES, &mut rng))
+                    .take(1000)
+                    .flatten();
             let chain: Vec<Specular> = chains.find(|c| c.len() == 2 && c[0].through).unwrap();
             let mirror = planes(&scene, &chain).unwrap();
             let pane = planes(&scene, &chain[..1]).unwrap();

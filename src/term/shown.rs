@@ -1,6 +1,6 @@
 //! Which parts of edges a known chain of planes shows to the camera, so that samples look there.
 //!
-//! By a chain of planes every point e of an edge has one ray ([`super::fermat`]), whose crossings move smoothly along the edge; the chain shows e where all of them lie within their faces. A strip of glass that mirrors an
+//! By a chain of planes every point e of an edge has one ray ([`crate::math::fermat`]), whose crossings move smoothly along the edge; the chain shows e where all of them lie within their faces. A strip of glass that mirrors an
 //! edge shows a hundredth of it: samples that choose the place by length find it once in a hundred times. Crossings are therefore asked for at a few points of each edge, and how far they lie within the borders of
 //! their faces is interpolated between: where all of that is positive is a *window*. Windows only guide: they are widened, and a share of all samples is spread over the whole edges.
 

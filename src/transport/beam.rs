@@ -10,7 +10,11 @@ use crate::light::{Emission, LightKind, beam_profile};
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
 use crate::scene::beams::Way;
-use crate::scene::{March, On, Scene};
+use crate::scene::{Hit, March, On, Scene};
+use crate::shape::Shape;
+
+/// How near a line has to meet a curved face to where it should, over the radius of the scene.
+const NEAR: f64 = 1e-6;
 
 /// The emission that reaches `x` by the way, if its line is clear.
 pub fn emission(scene: &Scene, way: &Way, x: DVec3, points: &mut Vec<DVec3>) -> Option<Emission> {
@@ -155,6 +159,11 @@ pub fn clear(
 ) -> Option<Rgb> {
     let light = &scene.lights[way.light as usize];
     let (mut t, mut ray) = (Rgb::ONE, March::new(o, -way.w, on, medium));
+    // A line may meet what is curved twice.
+    let meets = |h: &Hit, p: DVec3| {
+        let curved = matches!(scene.shapes[h.shape as usize].shape, Shape::Sphere(_) | Shape::Cylinder(_));
+        !curved || (h.p - p).length() <= NEAR * scene.bounds.radius()
+    };
     for k in 0..=points.len() {
         let step = way.steps.len().checked_sub(k + 1).map(|i| &way.steps[i]);
         let length = match (step, &light.kind) {
@@ -169,7 +178,7 @@ pub fn clear(
             let hit = ray.meets(scene, limit);
             let passes = hit.is_some_and(|h| scene.passes(&h));
             let wanted = match (step, &hit) {
-                (Some(s), Some(h)) => passes || (s.shape, s.face) == (h.shape, h.face),
+                (Some(s), Some(h)) => passes || (s.shape, s.face) == (h.shape, h.face) && meets(h, points[k]),
                 (step, hit) => passes || step.is_some() == hit.is_some(),
             };
             if !wanted {

@@ -1,5 +1,5 @@
 //! Connections to point, spot and directional lights by several flat smooth faces in turn ([`crate::scene::chains`]): at every vertex, each such light by each chain. A chain has one solution
-//! ([`crate::math::fold`]), or none that lies within its faces.
+//! ([`crate::math::fermat`]), or none that lies within its faces.
 //!
 //! The gain is a ray's from the light, carried through the planes in dual numbers: solid angle there over the area across it at the vertex ([T] (47) for any number of planes), times what each face lets by.
 

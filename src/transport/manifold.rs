@@ -34,16 +34,18 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         };
         let (place, x) = (Place::within(None), s.o);
         let Some(start) = scene.seed(light, &eye, &mut rng) else { continue };
-        let Some(chain) = shot::random_chain(scene, start, &place, &mut rng) else { continue };
+        let Some(chain) = shot::random_chain(scene, start, &place, shot::TO_LIT, &mut rng) else { continue };
         let order = s.depth + chain.len() as u32;
-        if !w.may_scatter(order) || order < w.set.min_order || scene.is_listed(light, chain.iter().map(|c| c.hit.shape))
+        if !w.may_scatter(order)
+            || order < w.set.min_order
+            || scene.is_left_to_others(light, chain.iter().map(|c| c.hit.shape))
         {
             continue;
         }
-        let chain = shot::steps(&chain);
+        let chain = shot::steps(scene, &chain);
         let Some((found, crossings, spread)) = shot::to_point(scene, &eye, start, &chain, x) else { continue };
         let step = |(c, &(p, n, [before, behind])): (&shot::Step, &shot::Crossing)| {
-            let shot::Step { shape, face, through } = *c;
+            let shot::Step { shape, face, through, .. } = *c;
             Step { shape, face, p, n, before, behind, through }
         };
         let steps: Vec<Step> = chain.iter().zip(&crossings).map(step).collect();
@@ -55,12 +57,15 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         };
         let mut way = Way { light: id as u32, w: last.behind, gain, steps };
         // Seen before it is looked for again.
+        if vertex.toward(scene, s, -way.w).lobe.f <= 0.0 {
+            continue;
+        }
         let (on, medium) = vertex.start(s, -way.w);
         if beam::clear(scene, &way, &points, (x, on, medium), &mut |_| {}).is_none() {
             continue;
         }
         let size = (x - found.o).length();
-        let again = (&chain[..], &Target::Point(x));
+        let again = (&chain[..], &Target::Point(x), shot::TO_LIT);
         let random = |rng: &mut Rng| scene.seed(light, &eye, rng);
         let Some(trials) = shot::trials(scene, &eye, &place, again, (found, size), &mut rng, random) else {
             w.tally.unsettled += 1;

@@ -1,4 +1,4 @@
-//! Shots: rays from an eye by way of smooth interfaces to a given point, such as one of an edge, or past a ball ([T] 6.2, 6.4).
+//! Shots: rays from an eye, or from a light, by way of smooth interfaces to a given point, such as one of an edge, or past a ball ([T] 6.2, 6.4).
 //!
 //! A chain of interfaces takes every ray of an eye to one line. Which of the eye's rays it takes to the point e is found by Newton's method on the ray itself, with dual numbers
 //! through the chain's planes, spheres and cylinders as if they had no borders; then the ray is walked through the scene, and counts only if it meets just those faces. Its Jacobian
@@ -35,9 +35,9 @@ pub const SAME: f64 = 1e-6;
 const NEAR: f64 = 1e-4;
 /// How far before e, as a share of the last piece, a face may be met that e itself lies on.
 const AT_THE_EDGE: f64 = 1e-6;
-/// A random chain goes on behind an interface so often; where all is mirrored more often, because that costs no light.
-const GOES_ON: f64 = 0.4;
-const GOES_ON_MIRRORED: f64 = 0.7;
+/// How often a random chain goes on behind an interface, and where all is mirrored: to what stands anywhere on its way, more often where that costs no light; or to what is lit.
+pub const TO_EDGES: [f64; 2] = [0.4, 0.7];
+pub const TO_LIT: [f64; 2] = [0.75, 0.75];
 /// A ray goes either way at least so often.
 const EITHER: f64 = 0.15;
 
@@ -47,11 +47,18 @@ pub struct Step {
     pub shape: u32,
     pub face: u32,
     pub through: bool,
+    /// Of a ball or a cylinder: it is met from inside. Flat mirrors are met from either side by the same step.
+    pub inside: bool,
 }
 
 impl Step {
-    pub fn of(s: &Specular) -> Step {
-        Step { shape: s.hit.shape, face: s.hit.face, through: s.through }
+    pub fn of(scene: &Scene, s: &Specular) -> Step {
+        let outward = match &scene.shapes[s.hit.shape as usize].shape {
+            Shape::Sphere(q) => s.hit.p - q.center,
+            Shape::Cylinder(q) => q.from_axis(s.hit.p),
+            _ => DVec3::ZERO,
+        };
+        Step { shape: s.hit.shape, face: s.hit.face, through: s.through, inside: s.w.dot(outward) > 0.0 }
     }
 }
 
@@ -162,12 +169,17 @@ fn walk(
 }
 
 /// A random chain behind a ray, of one face at least; `None` where it meets none, or ends before it has one.
-pub fn random_chain(scene: &Scene, start: Start, place: &Place, rng: &mut Rng) -> Option<Vec<Specular>> {
+pub fn random_chain(
+    scene: &Scene,
+    start: Start,
+    place: &Place,
+    goes_on: [f64; 2],
+    rng: &mut Rng,
+) -> Option<Vec<Specular>> {
     let mut lossless = false;
     let mut first = true;
     let left = walk(scene, start, place, false, |_, mirrored, passable| {
-        let on = if lossless { GOES_ON_MIRRORED } else { GOES_ON };
-        if !std::mem::take(&mut first) && rng.uniform() >= on {
+        if !std::mem::take(&mut first) && rng.uniform() >= goes_on[usize::from(lossless)] {
             return None;
         }
         lossless = !passable;
@@ -176,8 +188,8 @@ pub fn random_chain(scene: &Scene, start: Start, place: &Place, rng: &mut Rng) -
     (!left.chain.is_empty()).then_some(left.chain)
 }
 
-/// A ray behind one more face of a chain, whose plane, sphere or cylinder has no borders; `last`: the shape that it starts on.
-fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step, last: Option<u32>) -> Option<(V3<D2>, V3<D2>)> {
+/// A ray behind one more face of a chain, whose plane, sphere or cylinder has no borders.
+fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<(V3<D2>, V3<D2>)> {
     let instance = &scene.shapes[step.shape as usize];
     let (p, n) = match &instance.shape {
         Shape::Sphere(s) => {
@@ -187,8 +199,7 @@ fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step, last: Option<u32>
             if q.v <= 0.0 {
                 return None;
             }
-            let inside = last == Some(step.shape) || off.dot(off).v < r2;
-            let t = if inside { -b + q.sqrt() } else { -b - q.sqrt() };
+            let t = if step.inside { -b + q.sqrt() } else { -b - q.sqrt() };
             let p = o + d * t;
             if t.v <= 0.0 {
                 return None;
@@ -205,8 +216,7 @@ fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step, last: Option<u32>
             if q.v <= 0.0 || a.v <= 0.0 {
                 return None;
             }
-            let inside = last == Some(step.shape) || c.v < 0.0;
-            let t = if inside { -b + q.sqrt() } else { -b - q.sqrt() } / a;
+            let t = if step.inside { -b + q.sqrt() } else { -b - q.sqrt() } / a;
             if t.v <= 0.0 {
                 return None;
             }
@@ -272,11 +282,10 @@ struct Miss {
 
 fn miss(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], target: &Target) -> Option<Miss> {
     effort::note(1);
-    let (mut ray, mut last, mut length) = (eye.ray(start), None, 0.0);
+    let (mut ray, mut length) = (eye.ray(start), 0.0);
     for step in chain {
         let o = ray.0.value();
-        ray = carry(scene, ray, step, last)?;
-        last = Some(step.shape);
+        ray = carry(scene, ray, step)?;
         length += (ray.0.value() - o).length();
     }
     let (o, d) = ray;
@@ -432,11 +441,10 @@ pub fn to_point(
 ) -> Option<(Start, Vec<Crossing>, f64)> {
     let target = Target::Point(e);
     let found = solve(scene, eye, near, chain, &target)?;
-    let (mut ray, mut last, mut crossings) = (eye.ray(found), None, Vec::with_capacity(chain.len()));
+    let (mut ray, mut crossings) = (eye.ray(found), Vec::with_capacity(chain.len()));
     for step in chain {
         let before = ray.1.value();
-        ray = carry(scene, ray, step, last)?;
-        last = Some(step.shape);
+        ray = carry(scene, ray, step)?;
         let (p, behind) = (ray.0.value(), ray.1.value());
         crossings.push((p, scene.shapes[step.shape as usize].shape.normal(step.face, p), [before, behind]));
     }
@@ -445,8 +453,8 @@ pub fn to_point(
     (ahead && spread > 0.0 && spread.is_finite()).then_some((found, crossings, spread))
 }
 
-pub fn steps(chain: &[Specular]) -> Vec<Step> {
-    chain.iter().map(Step::of).collect()
+pub fn steps(scene: &Scene, chain: &[Specular]) -> Vec<Step> {
+    chain.iter().map(|s| Step::of(scene, s)).collect()
 }
 
 /// A random shot to a target by way of at least one interface, from where a random ray of the eye leads. [`Drawn::trials`] gives its weight.
@@ -466,7 +474,7 @@ pub fn draw(
     is_known: impl Fn(&[Step]) -> bool,
 ) -> Option<Drawn> {
     let start = random(rng)?;
-    let chain = steps(&random_chain(scene, start, place, rng)?);
+    let chain = steps(scene, &random_chain(scene, start, place, TO_EDGES, rng)?);
     if is_known(&chain) {
         return None;
     }
@@ -486,7 +494,7 @@ impl Drawn {
         random: impl FnMut(&mut Rng) -> Option<Start>,
     ) -> Option<f64> {
         let size = (self.shot.e - self.shot.start.o).length();
-        trials(scene, eye, place, (&self.chain, target), (self.shot.start, size), rng, random)
+        trials(scene, eye, place, (&self.chain, target, TO_EDGES), (self.shot.start, size), rng, random)
     }
 }
 
@@ -495,25 +503,27 @@ pub fn trials(
     scene: &Scene,
     eye: &Eye,
     place: &Place,
-    (chain, target): (&[Step], &Target),
+    (chain, target, goes_on): (&[Step], &Target, [f64; 2]),
     (own, size): (Start, f64),
     rng: &mut Rng,
     mut random: impl FnMut(&mut Rng) -> Option<Start>,
 ) -> Option<f64> {
     let there = miss(scene, eye, own, chain, target)?;
     let (x, y) = warp::frame(own.w);
+    let limit = 10.0 * EXACT * there.length + 2.0 * there.off.length();
     let is_same = |s: Start| {
         let (by, unit) = match eye {
-            Eye::Point(_) => (s.w - own.w, 1.0),
+            // From very far all that there is may be as near together.
+            Eye::Point(_) => (s.w - own.w, (scene.bounds.radius() / size).min(1.0)),
             Eye::Parallel(_) => (s.o - own.o, size),
         };
         // Near a caustic rays differ by more than what they miss the target by.
         let moved = there.by[0] * by.dot(x) + there.by[1] * by.dot(y);
-        by.length() <= SAME * unit || by.length() <= NEAR * unit && moved.length() <= 10.0 * EXACT * there.length
+        by.length() <= SAME * unit || by.length() <= NEAR * unit && moved.length() <= limit
     };
     (1..=TRIALS).find_map(|k| {
         let start = random(rng)?;
-        if steps(&random_chain(scene, start, place, rng)?) != chain {
+        if steps(scene, &random_chain(scene, start, place, goes_on, rng)?) != chain {
             return None;
         }
         solve(scene, eye, start, chain, target).is_some_and(is_same).then_some(f64::from(k))

@@ -4,7 +4,6 @@ use super::*;
 use crate::math::stats::Moments;
 use crate::scene::SceneDesc;
 use crate::scene::compile::LoadOptions;
-use crate::term::grazing_line::Curve;
 use std::f64::consts::TAU;
 
 fn compile(text: &str) -> Scene {
@@ -64,13 +63,16 @@ fn lines_that_graze_a_ball_arrive() {
       <emitter type="constant"/></scene>"#;
     let scene = compile(text);
     let s = ball(&scene, 0);
-    let curve = Curve::Sphere { c: s.center, r: s.radius };
     let mut rng = Rng::keyed(12, 0, 0, 0);
     for _ in 0..2000 {
         let height = 10f64.powf(-4.0 * rng.uniform());
-        let p = s.center + warp::sphere(rng.uniform(), rng.uniform()) * (s.radius * (1.0 + height));
-        let line = curve.from_vertex(p, rng.uniform()).unwrap();
-        let shot = straight(&scene, p, &Place::within(None), line.b, Some(0));
+        let up = warp::sphere(rng.uniform(), rng.uniform());
+        let p = s.center + up * (s.radius * (1.0 + height));
+        // A point of the circle in which lines from p touch the ball.
+        let (x, y) = warp::frame(up);
+        let (phi, sin) = (TAU * rng.uniform(), (height * (2.0 + height)).sqrt());
+        let b = s.center + (up + (x * phi.cos() + y * phi.sin()) * sin) * (s.radius / (1.0 + height));
+        let shot = straight(&scene, p, &Place::within(None), b, Some(0));
         assert!(shot.is_some(), "from {height} above");
     }
 }

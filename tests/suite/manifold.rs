@@ -9,7 +9,7 @@ fn caustic(shapes: &str, light: &str) -> String {
     format!(
         r#"<scene version="3.0.0"><default name="milk" value="0.6"/><default name="white" value="0.8"/><default name="x" value="1"/>
   <integrator type="volpath"><integer name="max_depth" value="6"/></integrator>
-  <sensor type="perspective"><float name="fov" value="42"/><transform name="to_world"><lookat origin="-3, 2.5, 0" target="-0.4, -1, 0" up="0, 0, 1"/></transform>
+  <sensor type="perspective"><float name="fov" value="14"/><transform name="to_world"><lookat origin="-3, 2.5, 0" target="-0.5, -1, 0" up="0, 0, 1"/></transform>
     <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="box"/></film></sensor>
   <medium type="homogeneous" id="milk"><rgb name="sigma_t" value="0.8,1,1.2"/><float name="scale" value="$milk"/><float name="albedo" value="$white"/><phase type="hg"><float name="g" value="0.4"/></phase></medium>
   {shapes}
@@ -18,11 +18,11 @@ fn caustic(shapes: &str, light: &str) -> String {
 }
 
 const GLASS: &str =
-    r#"<bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf>"#;
+    r#"<bsdf type="dielectric"><float name="int_ior" value="1.3"/><float name="ext_ior" value="1"/></bsdf>"#;
 const MILK: &str = r#"<ref name="interior" id="milk"/>"#;
 
-/// Two balls in turn; a ball under a slanted pane; a rod; a rod beside a mirror that sends light into it.
-fn shapes() -> [String; 4] {
+/// Two balls in turn; a ball under a slanted pane; a rod; a tube; a rod beside a mirror that sends light into it.
+fn shapes() -> [String; 5] {
     let ball = |y: f64, r: f64, inside: &str| {
         format!(
             r#"<shape type="sphere"><point name="center" value="0, {y}, 0"/><float name="radius" value="{r}"/>{GLASS}{inside}</shape>"#
@@ -34,6 +34,10 @@ fn shapes() -> [String; 4] {
     let rod = format!(
         r#"<shape type="cylinder"><point name="p0" value="0, 0, -9"/><point name="p1" value="0, 0, 9"/><float name="radius" value="0.6"/>{GLASS}{MILK}</shape>"#
     );
+    // Light comes in by the end of a short one, which has no lid, and leaves through its side.
+    let tube = format!(
+        r#"<shape type="cylinder"><point name="p0" value="0.3, 0.8, 0"/><point name="p1" value="-0.5, -0.7, 0"/><float name="radius" value="0.5"/>{GLASS}</shape>"#
+    );
     let mirror = r#"<shape type="rectangle"><transform name="to_world"><rotate y="1" angle="-90"/><translate x="1.3"/></transform><bsdf type="conductor"><rgb name="eta" value="0.2,0.9,1.2"/><float name="k" value="2.5"/></bsdf></shape>"#;
     [ball(1.2, 0.4, "") + &ball(0.0, 0.6, MILK), ball(0.0, 0.6, MILK) + &pane, rod.clone(), rod + mirror]
 }
@@ -42,19 +46,19 @@ fn shapes() -> [String; 4] {
 #[test]
 fn a_point_light_is_a_small_lamp() {
     for shapes in shapes() {
-        let point = forward(&caustic(&shapes, POINT), &[], 1 << 13)[0];
-        let lamp = forward(&caustic(&shapes, &lamp(0.15)), &[], 3 << 16)[0];
+        let point = forward(&caustic(&shapes, POINT), &[], 1 << 14)[0];
+        let lamp = forward(&caustic(&shapes, &lamp(0.15)), &[], 1 << 18)[0];
         for c in 0..3 {
             let se = point.error[c].hypot(lamp.error[c]);
             assert!((point.value[c] - lamp.value[c]).abs() < 4.5 * se, "{shapes} {c}: {point:?} {lamp:?}");
-            assert!(se < 0.02 * lamp.value[c], "{shapes} {c}: {point:?} {lamp:?}");
+            assert!(se < 0.08 * lamp.value[c], "{shapes} {c}: {point:?} {lamp:?}");
         }
         // Without such ways it is dark where they end.
         let (_, mut scene) = scene(&caustic(&shapes, POINT));
         assert!(!scene.warnings.iter().any(|w| w.kind == WarningKind::LightBehindGlass), "{:?}", scene.warnings);
         scene.seeds.clear();
         let without = estimate(&run(&scene, 1 << 12, 3, Mode::Picture), 0);
-        assert!(point.value[1] > 1.05 * without.value[1], "{shapes} {point:?} {without:?}");
+        assert!(point.value[1] > 1.3 * without.value[1], "{shapes} {point:?} {without:?}");
     }
 }
 
@@ -66,11 +70,11 @@ fn far_lights_are_parallel() {
     let beam = r#"<emitter type="collimated"><transform name="to_world"><lookat origin="10, 30, 0" target="0, 0, 0" up="0, 0, 1"/></transform>
       <float name="radius" value="9"/><string name="profile" value="hard"/><float name="irradiance" value="2"/></emitter>"#;
     let [balls, ..] = shapes();
-    let of = |light: &str| forward(&caustic(&balls, light), &[], 1 << 13)[0];
+    let of = |light: &str| forward(&caustic(&balls, light), &[], 1 << 15)[0];
     let (a, b, c) = (of(far), of(sun), of(beam));
     for other in [a, c] {
         let se = b.error[1].hypot(other.error[1]);
-        assert!((b.value[1] - other.value[1]).abs() < 4.5 * se && se < 0.02 * b.value[1], "{b:?} {other:?}");
+        assert!((b.value[1] - other.value[1]).abs() < 4.5 * se && se < 0.06 * b.value[1], "{b:?} {other:?}");
     }
 }
 
