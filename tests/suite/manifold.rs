@@ -39,7 +39,7 @@ fn shapes() -> [String; 5] {
         r#"<shape type="cylinder"><point name="p0" value="0.3, 0.8, 0"/><point name="p1" value="-0.5, -0.7, 0"/><float name="radius" value="0.5"/>{GLASS}</shape>"#
     );
     let mirror = r#"<shape type="rectangle"><transform name="to_world"><rotate y="1" angle="-90"/><translate x="1.3"/></transform><bsdf type="conductor"><rgb name="eta" value="0.2,0.9,1.2"/><float name="k" value="2.5"/></bsdf></shape>"#;
-    [ball(1.2, 0.4, "") + &ball(0.0, 0.6, MILK), ball(0.0, 0.6, MILK) + &pane, rod.clone(), rod + mirror]
+    [ball(1.2, 0.4, "") + &ball(0.0, 0.6, MILK), ball(0.0, 0.6, MILK) + &pane, rod.clone(), tube, rod + mirror]
 }
 
 /// Shadow, caustics and what the milk scatters are those of a small lamp, whose light paths find by chance.
@@ -47,7 +47,7 @@ fn shapes() -> [String; 5] {
 fn a_point_light_is_a_small_lamp() {
     for shapes in shapes() {
         let point = forward(&caustic(&shapes, POINT), &[], 1 << 14)[0];
-        let lamp = forward(&caustic(&shapes, &lamp(0.15)), &[], 1 << 18)[0];
+        let lamp = forward(&caustic(&shapes, &lamp(0.08)), &[], 1 << 18)[0];
         for c in 0..3 {
             let se = point.error[c].hypot(lamp.error[c]);
             assert!((point.value[c] - lamp.value[c]).abs() < 4.5 * se, "{shapes} {c}: {point:?} {lamp:?}");
