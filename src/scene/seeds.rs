@@ -46,9 +46,9 @@ impl Scene {
                 Some(Start { o: *position + (x * phi.cos() + y * phi.sin()) * r, w: *w })
             }
             (Eye::Parallel(w), _) => {
-                // From outside of the scene.
-                let far = 2.0 * self.bounds.radius() + (self.bounds.center() - shape.bounds().center()).length();
-                Some(Start { o: at() - *w * far, w: *w })
+                // All begin on one plane before the scene, so that equal rays are told by where they begin.
+                let (p, far) = (at(), self.bounds.center() - *w * (2.0 * self.bounds.radius()));
+                Some(Start { o: p - *w * (p - far).dot(*w), w: *w })
             }
         }
     }

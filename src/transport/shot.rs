@@ -515,7 +515,8 @@ pub fn trials(
         let (by, unit) = match eye {
             // From very far all that there is may be as near together.
             Eye::Point(_) => (s.w - own.w, (scene.bounds.radius() / size).min(1.0)),
-            Eye::Parallel(_) => (s.o - own.o, size),
+            // Wherever along them they begin.
+            Eye::Parallel(w) => (s.o - own.o - *w * (s.o - own.o).dot(*w), size),
         };
         // Near a caustic rays differ by more than what they miss the target by.
         let moved = there.by[0] * by.dot(x) + there.by[1] * by.dot(y);
