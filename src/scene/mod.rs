@@ -23,7 +23,7 @@ pub mod parts;
 mod parts_camera;
 mod parts_objects;
 mod property;
-mod reach;
+pub mod reach;
 mod refs;
 pub mod seeds;
 mod source;
