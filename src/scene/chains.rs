@@ -14,6 +14,7 @@ use crate::math::ball_tree::{Ball, BallTree};
 use crate::math::fold::Fold;
 use crate::math::pencil::{Cone, Pencil};
 use crate::math::{DVec2, DVec3};
+use crate::shape::edges::with_corners;
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use rayon::prelude::*;
@@ -379,13 +380,12 @@ fn face(id: u32, s: &Shape, face: u32) -> Option<Face> {
     let at = |u: f64, v: f64| s.position(face, DVec2::new(u, v));
     let corners: SmallVec<[DVec3; 4]> = match s {
         Shape::Mesh(m) if m.is_degenerate(face) => return None,
-        Shape::Mesh(m) => m.corners(face).into_iter().collect(),
         Shape::Disk(_) => {
             let c = at(0.0, 0.0);
             let (a, b) = (at(1.0, 0.0) - c, at(1.0, 0.25) - c);
             [c + a + b, c + a - b, c - a - b, c - a + b].into_iter().collect()
         }
-        _ => beams::corners(s, face).into_iter().collect(),
+        polygons => with_corners(polygons, face, SmallVec::from_slice)?,
     };
     let center = corners.iter().copied().sum::<DVec3>() / corners.len() as f64;
     let radius = corners.iter().map(|c| (*c - center).length()).fold(0.0, f64::max);

@@ -261,6 +261,15 @@ impl Eye {
         }
     }
 
+    /// What differences of its rays are measured by, for ways of this length.
+    fn unit(&self, scene: &Scene, length: f64) -> f64 {
+        match self {
+            // From very far all that there is lies within a small angle.
+            Eye::Point(_) => (scene.bounds.radius() / length).min(1.0),
+            Eye::Parallel(_) => length,
+        }
+    }
+
     fn step(&self, s: Start, by: DVec2) -> Start {
         let (x, y) = warp::frame(s.w);
         let off = x * by.x + y * by.y;
@@ -286,7 +295,8 @@ fn miss(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], target: &Target)
     for step in chain {
         let o = ray.0.value();
         ray = carry(scene, ray, step)?;
-        length += (ray.0.value() - o).length();
+        // Of a way from very far what lies in the scene.
+        length += (ray.0.value() - o).length().min(2.0 * scene.bounds.radius());
     }
     let (o, d) = ray;
     let off = V3::constant(target.middle()) - o;
@@ -339,6 +349,7 @@ impl Miss {
 fn solve(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], target: &Target) -> Option<Start> {
     let mut at = start;
     let mut m = miss(scene, eye, at, chain, target)?;
+    let size = (target.middle() - start.o).length();
     for _ in 0..50 {
         if m.off.length() <= EXACT * m.length {
             return Some(at);
@@ -360,8 +371,11 @@ fn solve(scene: &Scene, eye: &Eye, start: Start, chain: &[Step], target: &Target
             let n = miss(scene, eye, next, chain, target)?;
             (n.off.length() < m.off.length()).then_some((next, n))
         });
-        // Nothing nearer: as near as rounding lets it come, or lost.
-        let Some(next) = better else { return (m.off.length() <= 1e3 * EXACT * m.length).then_some(at) };
+        // Nothing nearer: as near as rounding lets it come, which a whole step would not change; or lost, as beside a caustic, where no ray comes and the least miss may be small.
+        let Some(next) = better else {
+            let settled = m.off.length() <= 1e3 * EXACT * m.length && by.length() <= SAME * eye.unit(scene, size);
+            return settled.then_some(at);
+        };
         (at, m) = next;
     }
     None
@@ -510,13 +524,13 @@ pub fn trials(
 ) -> Option<f64> {
     let there = miss(scene, eye, own, chain, target)?;
     let (x, y) = warp::frame(own.w);
+    let unit = eye.unit(scene, size);
     let limit = 10.0 * EXACT * there.length + 2.0 * there.off.length();
     let is_same = |s: Start| {
-        let (by, unit) = match eye {
-            // From very far all that there is may be as near together.
-            Eye::Point(_) => (s.w - own.w, (scene.bounds.radius() / size).min(1.0)),
+        let by = match eye {
+            Eye::Point(_) => s.w - own.w,
             // Wherever along them they begin.
-            Eye::Parallel(w) => (s.o - own.o - *w * (s.o - own.o).dot(*w), size),
+            Eye::Parallel(w) => s.o - own.o - *w * (s.o - own.o).dot(*w),
         };
         // Near a caustic rays differ by more than what they miss the target by.
         let moved = there.by[0] * by.dot(x) + there.by[1] * by.dot(y);

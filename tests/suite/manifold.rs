@@ -62,18 +62,21 @@ fn a_point_light_is_a_small_lamp() {
     }
 }
 
-/// A wide beam is a sun.
+/// Light from far away is parallel; a wide beam is such light, too.
 #[test]
-fn wide_beams_are_suns() {
+fn far_lights_are_parallel() {
+    let far = r#"<emitter type="point"><point name="position" value="1000, 3000, 0"/><float name="intensity" value="2e7"/></emitter>"#;
     let sun = r#"<emitter type="directional"><vector name="direction" value="-1, -3, 0"/><float name="irradiance" value="2"/></emitter>"#;
     let beam = r#"<emitter type="collimated"><transform name="to_world"><lookat origin="10, 30, 0" target="0, 0, 0" up="0, 0, 1"/></transform>
       <float name="radius" value="9"/><string name="profile" value="hard"/><float name="irradiance" value="2"/></emitter>"#;
     // Behind a rod: the focus of balls has no second moment.
     let [_, _, rod, ..] = shapes();
     let of = |light: &str| forward(&caustic(&rod, light), &[], 1 << 14)[0];
-    let (a, b) = (of(sun), of(beam));
-    let se = a.error[1].hypot(b.error[1]);
-    assert!((a.value[1] - b.value[1]).abs() < 4.5 * se && se < 0.06 * a.value[1], "{a:?} {b:?}");
+    let (a, b, c) = (of(far), of(sun), of(beam));
+    for other in [a, c] {
+        let se = b.error[1].hypot(other.error[1]);
+        assert!((b.value[1] - other.value[1]).abs() < 4.5 * se && se < 0.06 * b.value[1], "{b:?} {other:?}");
+    }
 }
 
 /// What milk does to such light is in the record.
