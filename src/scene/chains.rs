@@ -14,7 +14,7 @@ use crate::math::ball_tree::{Ball, BallTree};
 use crate::math::fold::Fold;
 use crate::math::pencil::{Cone, Pencil};
 use crate::math::{DVec2, DVec3};
-use crate::shape::edges::with_corners;
+use crate::shape::edges::{sides, with_corners};
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use rayon::prelude::*;
@@ -46,8 +46,8 @@ pub struct Face {
     pub n: DVec3,
     /// Of its border, in order; of a disk, those of a square around it.
     corners: SmallVec<[DVec3; 4]>,
-    /// Of each side of a polygon the unit vector in its plane that points into it; none of a disk.
-    inward: SmallVec<[DVec3; 4]>,
+    /// Of a polygon its sides, each with the direction into it; none of a disk.
+    sides: SmallVec<[(DVec3, DVec3); 4]>,
     is_facet: bool,
     /// A ball that holds it.
     center: DVec3,
@@ -57,8 +57,7 @@ pub struct Face {
 impl Face {
     /// The least distance into it from its sides; below 0 outside. Infinite for a disk: rays have to say.
     fn depth(&self, p: DVec3) -> f64 {
-        let into = |(a, m): (&DVec3, &DVec3)| (p - *a).dot(*m);
-        self.corners.iter().zip(&self.inward).map(into).fold(f64::INFINITY, f64::min)
+        self.sides.iter().map(|&(a, m)| (p - a).dot(m)).fold(f64::INFINITY, f64::min)
     }
 
     /// Points that it lies between.
@@ -350,10 +349,8 @@ impl Search<'_> {
             let (f, g) = (&faces[a], &faces[b]);
             let flat = |p: DVec3| (p - f.p).dot(f.n).abs() <= slack;
             // Convex polygons are apart if a side of one has all of the other before it.
-            let apart = |f: &Face, g: &Face| {
-                let before = |(a, m): (&DVec3, &DVec3)| g.corners.iter().all(|p| (*p - *a).dot(*m) <= slack);
-                f.corners.iter().zip(&f.inward).any(before)
-            };
+            let apart =
+                |f: &Face, g: &Face| f.sides.iter().any(|&(a, m)| g.corners.iter().all(|p| (*p - a).dot(m) <= slack));
             f.shape != g.shape && g.corners.iter().all(|&p| flat(p)) && !apart(f, g) && !apart(g, f)
         };
         (0..faces.len()).into_par_iter().any(|a| {
@@ -390,14 +387,10 @@ fn face(id: u32, s: &Shape, face: u32) -> Option<Face> {
     let center = corners.iter().copied().sum::<DVec3>() / corners.len() as f64;
     let radius = corners.iter().map(|c| (*c - center).length()).fold(0.0, f64::max);
     let (p, n) = (center, s.normal(face, center));
-    let inward = |k: usize| {
-        let (a, b) = (corners[k], corners[(k + 1) % corners.len()]);
-        let m = n.cross(b - a).normalize();
-        if m.dot(center - a) < 0.0 { -m } else { m }
-    };
-    let sides = if matches!(s, Shape::Disk(_)) { 0 } else { corners.len() };
-    let (inward, is_facet) = ((0..sides).map(inward).collect(), matches!(s, Shape::Mesh(_)));
-    Some(Face { shape: id, face, p, n, corners, inward, is_facet, center, radius })
+    let is_round = matches!(s, Shape::Disk(_));
+    let sides = sides(&corners).filter(|_| !is_round).collect();
+    let is_facet = matches!(s, Shape::Mesh(_));
+    Some(Face { shape: id, face, p, n, corners, sides, is_facet, center, radius })
 }
 
 impl Scene {

@@ -111,6 +111,16 @@ pub fn border(corners: &[DVec3]) -> impl Iterator<Item = [DVec3; 2]> + '_ {
     (0..corners.len()).map(|k| [corners[k], corners[(k + 1) % corners.len()]])
 }
 
+/// The sides of a convex polygon: a point of each, and the unit vector in the polygon's plane that points into it. Those of no length, or through its middle, bound nothing.
+pub fn sides(corners: &[DVec3]) -> impl Iterator<Item = (DVec3, DVec3)> + '_ {
+    let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
+    border(corners).filter_map(move |[a, b]| {
+        let along = (b - a).try_normalize()?;
+        let off = center - a;
+        Some((a, (off - along * off.dot(along)).try_normalize()?))
+    })
+}
+
 /// Whether all faces are polygons.
 pub fn is_flat(shape: &Shape) -> bool {
     matches!(shape, Shape::Mesh(_) | Shape::Rectangle(_) | Shape::Cube(_))

@@ -8,7 +8,7 @@ use crate::math::DVec3;
 use crate::math::discrete::Discrete;
 use crate::math::fermat::Planes;
 use crate::scene::Scene;
-use crate::shape::edges::{border, with_corners};
+use crate::shape::edges::{sides, with_corners};
 use crate::transport::shot::{Eye, Step};
 
 /// Pieces of an edge whose ends are asked for.
@@ -54,20 +54,6 @@ pub struct Shown {
 /// A border of a face: a point of it, and the unit direction to the inside.
 type Inward = (DVec3, DVec3);
 
-/// The borders of a flat face; those of no length, or through its middle, bound nothing.
-fn inwards(scene: &Scene, step: &Step) -> Vec<Inward> {
-    let of = |corners: &[DVec3]| {
-        let center = corners.iter().sum::<DVec3>() / corners.len() as f64;
-        let inward = |[a, b]: [DVec3; 2]| {
-            let along = (b - a).try_normalize()?;
-            let off = center - a;
-            Some((a, (off - along * off.dot(along)).try_normalize()?))
-        };
-        border(corners).filter_map(inward).collect()
-    };
-    with_corners(&scene.shapes[step.shape as usize].shape, step.face, of).unwrap_or_default()
-}
-
 /// How far the crossings lie within the borders of their faces, face by face and border by border.
 type Margins = Vec<f64>;
 
@@ -100,7 +86,11 @@ impl Shown {
         (planes, steps, o): (&Planes, &[Step], DVec3),
         edges: &[(usize, [DVec3; 2])],
     ) -> Shown {
-        let faces: Vec<Vec<Inward>> = steps.iter().map(|s| inwards(scene, s)).collect();
+        let inwards = |step: &Step| -> Vec<Inward> {
+            let shape = &scene.shapes[step.shape as usize].shape;
+            with_corners(shape, step.face, |corners| sides(corners).collect()).unwrap_or_default()
+        };
+        let faces: Vec<Vec<Inward>> = steps.iter().map(inwards).collect();
         let (mut parts, mut lengths) = (Vec::new(), Vec::new());
         for &(edge, [a, b]) in edges {
             let at = |j: usize| j as f64 / PIECES as f64;

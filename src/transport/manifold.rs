@@ -2,7 +2,7 @@
 //! "Specular manifold sampling", 2020).
 //!
 //! A random ray of the light, sent at one of the smooth shapes, finds a chain by chance; Newton's method goes on from it to the ray that the chain takes to the vertex ([`super::shot`]). Any solution is found with a probability P that
-//! nobody knows; the number of further trials until it is found again has the mean 1/P. So no solution is left out, and caustics are not clamped; the price is a variance of the order of the value. Chains that
+//! nobody knows; the number of further trials until it is found again has the mean 1/P. So no solution is left out, and caustics, where the gain ([T] (47), (48)) has no bound, are not clamped; the price is a variance of the order of the value. Chains that
 //! other connections list ([`super::chain`], [`super::ball`], [`super::beam`]) are theirs.
 
 use super::beam;
