@@ -165,18 +165,28 @@ impl Planes {
         }
     }
 
-    /// The direction in which that ray arrives, if it crosses each plane within the convex hull of some points; others may be told as well.
+    /// The direction in which that ray arrives, if it crosses each plane within the convex hull of some points; others may be told as well. Mirrors have to be folded away ([`super::fold::unfold`]).
     pub fn arrival(&self, eye: &Eye, o: DVec3, e: DVec3, hulls: &[&[DVec3]]) -> Way<DVec3> {
         match self.planes.len() {
             0 => (e - o).try_normalize().map_or(Way::None, Way::Found),
-            1..=2 => self.least::<4>(eye, o, e, hulls).and_then(|q| self.last_direction(e, &q)),
-            3..=4 => self.least::<8>(eye, o, e, hulls).and_then(|q| self.last_direction(e, &q)),
-            _ => self.least::<UNKNOWNS>(eye, o, e, hulls).and_then(|q| self.last_direction(e, &q)),
+            1..=2 => self.least::<4>(eye, o, e, hulls).and_then(|q| self.arrived(eye, o, e, &q)),
+            3..=4 => self.least::<8>(eye, o, e, hulls).and_then(|q| self.arrived(eye, o, e, &q)),
+            _ => self.least::<UNKNOWNS>(eye, o, e, hulls).and_then(|q| self.arrived(eye, o, e, &q)),
         }
     }
 
-    fn last_direction<const N: usize>(&self, e: DVec3, q: &Vector<N>) -> Option<DVec3> {
-        (e - self.point(self.planes.len() - 1, q)).try_normalize()
+    /// Its last direction. The least way may touch a plane and turn back where both its neighbours lie on one side: light does not.
+    fn arrived<const N: usize>(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector<N>) -> Option<DVec3> {
+        let k = self.planes.len();
+        let way = |i: usize| {
+            let (a, b) = self.segment(eye, o, e, q, i);
+            b - a
+        };
+        let crosses = |i: usize| {
+            let n = self.planes[i].normal();
+            way(i).dot(n) * way(i + 1).dot(n) > 0.0
+        };
+        (0..k).all(crosses).then(|| way(k).try_normalize())?
     }
 
     /// Where it crosses the planes.

@@ -264,3 +264,14 @@ fn finds_the_rays_it_is_given() {
 fn flat(p: DVec3, n: DVec3) -> DVec3 {
     p - n * (n.dot(p) / n.length_squared())
 }
+
+/// The least way to a point on the light's own side of an interface touches it and turns back; light goes through, or not at all.
+#[test]
+fn light_does_not_turn_back_at_an_interface() {
+    let fold = Fold { p: DVec3::ZERO, n: DVec3::X, through: true, index: [1.0, 1.5] };
+    let planes = Planes::new([fold], Onward::Both);
+    let q = DVec3::new(1.0, 2.0, 0.3);
+    let to = |x: f64| planes.arrival(&Eye::Point(q), q, DVec3::new(x, -1.0, 0.0), &[]);
+    assert!(matches!(to(2.0), Way::None));
+    assert!(matches!(to(-2.0), Way::Found(w) if w.x < 0.0));
+}

@@ -95,17 +95,13 @@ fn left_out(scene: &Scene, l: &Light) -> Vec<(String, String)> {
     let mut found = Vec::new();
     let mut add = |what: String, hint: &str| found.push((what, hint.to_string()));
     let smooth = || scene.shapes.iter().filter(|s| scene.surfaces[s.surface as usize].is_smooth());
-    if let Some(s) = smooth().find(|s| matches!(s.shape, Shape::Mesh(_)) && !has_flat_faces(s)) {
-        let hint = "set face_normals; or use a small area light, which shows it, with noise";
-        add(format!("by way of `{}`, a mesh shaded by vertex normals,", s.name), hint);
-    }
     let by_facets = smooth().any(|s| matches!(s.shape, Shape::Mesh(_)) && has_flat_faces(s));
     let chains = &scene.chains;
     if l.is_delta() || by_facets {
         if chains.touching {
             add(
                 "by faces of glass or mirrors that touch".into(),
-                "leave a small gap between the shapes, or make them one",
+                "leave a gap of about a hundredth of their size between the shapes, or make them one",
             );
         }
         if chains.cut {

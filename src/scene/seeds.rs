@@ -16,15 +16,10 @@ const MOST_OF_A_GAUSSIAN: f64 = 3.0;
 impl Scene {
     /// Shapes that rays are sent at; none where all ways are listed. Call when shapes, surfaces and lights are known.
     pub fn prepare_seeds(&mut self) {
-        let followed = |s: &super::Instance| !matches!(s.shape, Shape::Mesh(_)) || has_flat_faces(s);
-        let smooth = || {
-            let wanted = |s: &super::Instance| self.surfaces[s.surface as usize].is_smooth() && followed(s);
-            (0..).zip(&self.shapes).filter(move |(_, s)| wanted(s))
-        };
-        let curved = |s: &super::Instance| matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_));
+        let smooth = || (0..).zip(&self.shapes).filter(|(_, s)| self.surfaces[s.surface as usize].is_smooth());
         let lit = self.lights.iter().any(|l| l.origin().is_some());
         let alone = smooth().count() == 1 && smooth().all(|(_, s)| matches!(s.shape, Shape::Sphere(_)));
-        let wanted = lit && !alone && smooth().any(|(_, s)| curved(s));
+        let wanted = lit && !alone && smooth().any(|(_, s)| !has_flat_faces(s));
         self.seeds = smooth().filter(|_| wanted).map(|(id, _)| id).collect();
     }
 
@@ -53,13 +48,9 @@ impl Scene {
         }
     }
 
-    /// Whether other connections find all ways by these shapes in turn (one face of each), or cannot find any.
+    /// Whether other connections find all ways by these shapes in turn (one face of each).
     pub fn is_left_to_others(&self, light: &Light, shapes: impl Iterator<Item = u32> + Clone) -> bool {
         let each = || shapes.clone().map(|id| &self.shapes[id as usize]);
-        // Shaded by vertex normals: not followed.
-        if each().any(|s| matches!(s.shape, Shape::Mesh(_)) && !has_flat_faces(s)) {
-            return true;
-        }
         let first = shapes.clone().next();
         let of_one_ball =
             each().all(|s| matches!(s.shape, Shape::Sphere(_))) && shapes.clone().all(|s| Some(s) == first);

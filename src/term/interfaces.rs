@@ -127,7 +127,11 @@ fn touching(scene: &Scene) -> Result<()> {
                 "`{}` and `{}` mirror or refract and may meet: rays part there, which cannot be differentiated yet",
                 a.name, b.name
             );
-            return Err(Error::scene(&b.span, what, "keep them apart: leave a small gap"));
+            return Err(Error::scene(
+                &b.span,
+                what,
+                "keep them apart, so that the boxes around them (along the axes) do not meet",
+            ));
         }
     }
     Ok(())
@@ -164,7 +168,7 @@ fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
         name(a),
         name(b)
     );
-    Err(Error::scene(span, what, "leave a small gap between them"))
+    Err(Error::scene(span, what, "leave a gap between them (a ten-thousandth of their size is enough)"))
 }
 
 /// Light that a ball mirrors straight on at its rim has scattered once more than what passes beside it: it jumps where that counts.

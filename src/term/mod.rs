@@ -253,7 +253,7 @@ impl Motion {
                     format!(
                         "`{a}` stands on `{b}`, and one moves off or into the other: what opens between them has no derivative"
                     ),
-                    "move both together, slide one along the other, or leave a small gap between them",
+                    "move both together, slide one along the other, or leave a gap between them (a ten-thousandth of their size is enough)",
                 ));
             }
         }

@@ -43,13 +43,13 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             continue;
         }
         let chain = shot::steps(scene, &chain);
-        let Some((found, crossings, spread)) = shot::to_point(scene, &eye, start, &chain, x) else { continue };
-        let step = |(c, &(p, n, [before, behind])): (&shot::Step, &shot::Crossing)| {
-            let shot::Step { shape, face, through, .. } = *c;
+        let Some((found, crossings, spread)) = shot::to_point(scene, &eye, start, &place, &chain, x) else { continue };
+        let step = |(c, x): (&shot::Step, &shot::Crossing)| {
+            let (shot::Step { shape, through, .. }, shot::Crossing { face, p, n, before, behind }) = (*c, *x);
             Step { shape, face, p, n, before, behind, through }
         };
         let steps: Vec<Step> = chain.iter().zip(&crossings).map(step).collect();
-        let points: SmallVec<[DVec3; 8]> = crossings.iter().rev().map(|c| c.0).collect();
+        let points: SmallVec<[DVec3; 8]> = crossings.iter().rev().map(|c| c.p).collect();
         let (Some(&first), Some(last)) = (points.last(), steps.last()) else { continue };
         let gain = steps.iter().fold(Rgb::splat(1.0 / spread), |g, s| g * pane::share(scene, s));
         let Some(emission) = light.emission_toward(first).filter(|_| !gain.is_zero() && gain.is_finite()) else {

@@ -17,6 +17,7 @@ pub mod first;
 pub mod glow;
 pub mod light_centred;
 pub mod line;
+mod lottery;
 pub mod manifold;
 pub mod mirror;
 pub mod motion;

@@ -16,6 +16,7 @@
 use super::border::{Borders, Place};
 use super::chained::{Backward, Start};
 use super::first::Opening;
+use super::lottery::Lottery;
 use super::motion::{Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::twin::Ways;
@@ -23,7 +24,7 @@ use super::walk::{Flight, Stage, State, Tally, Walker};
 use super::{aim, camera_line, pane_motion};
 use crate::error::Result;
 use crate::light::Emission;
-use crate::math::rng::Rng;
+use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
 use crate::params::{ParamSet, Sink, Slot};
@@ -321,12 +322,14 @@ impl Sweep<'_> {
         rec.still = !self.facts.moving.any();
         rec.mirrors = self.facts.mirrors.then(|| self.facts.clone());
         state.aside = state.rng.beside(derivative.next_u64());
+        let spans = Rng::keyed(derivative.next_u64(), Purpose::Derivative as u64, 0, 0);
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
         let first = state.clone();
         let mut w = Walker::new(self.scene, self.set, rec);
         let s = camera_line::start(&mut w, state);
         w.run(s);
         let value = plain.unwrap_or(w.value);
+        let mut lottery = Lottery::new(spans, w.value);
         *tally = tally.plus(&w.tally);
         let Some(mut candidates) = rec.candidates.take() else { return value };
         candidates.scan(self.scene, &rec.events);
@@ -335,7 +338,7 @@ impl Sweep<'_> {
         let mut back = rec.back.take().unwrap_or_default();
         back.chain.clear();
         let open = rec.chunk_starts.last().map(|s| s.1).unwrap_or_default();
-        let mut after = self.backward(rec, open, Rgb::ZERO, &mut back, sink);
+        let mut after = self.backward(rec, open, Rgb::ZERO, &mut back, &mut lottery, sink);
         let starts = std::mem::take(&mut rec.chunk_starts);
         for k in (0..starts.len()).rev() {
             let open = if k == 0 { Opening::default() } else { starts[k - 1].1 };
@@ -347,7 +350,7 @@ impl Sweep<'_> {
             } else {
                 w.run(starts[k - 1].0.clone());
             }
-            after = self.backward(rec, open, after, &mut back, sink);
+            after = self.backward(rec, open, after, &mut back, &mut lottery, sink);
         }
         (rec.chunk_starts, rec.back) = (starts, Some(back));
         self.derivative_vertex(candidates, sink, tally);
@@ -360,6 +363,7 @@ impl Sweep<'_> {
         open: Opening,
         mut after: Rgb,
         back: &mut Backward,
+        lottery: &mut Lottery,
         sink: &mut impl Sink,
     ) -> Rgb {
         let Backward { starts, chain } = back;
@@ -371,13 +375,13 @@ impl Sweep<'_> {
                 let mut cx = Chained { scene: self.scene, sensor: self.sensor, moving, ray, first, after: false, sink };
                 start.event(&mut cx, chain, rec, k, after);
             }
-            after = self.event(rec, e, after, sink);
+            after = self.event(rec, e, after, lottery, sink);
         }
         after
     }
 
     /// What one event adds to the partials of values; returns what was collected from it on.
-    fn event(&self, rec: &PathRecord, e: &Event, mut after: Rgb, sink: &mut impl Sink) -> Rgb {
+    fn event(&self, rec: &PathRecord, e: &Event, mut after: Rgb, lottery: &mut Lottery, sink: &mut impl Sink) -> Rgb {
         match e {
             Event::Chain => after = Rgb::ZERO,
             Event::Candidate { .. } | Event::Specular(_) | Event::Share(_) => {}
@@ -386,7 +390,7 @@ impl Sweep<'_> {
             Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
             Event::PaneAim { aim, value } => pane_motion::partials(self.scene, self.params, aim, *value, sink),
             Event::Span { span, prefix } => {
-                self.transmittance(span, after, sink);
+                self.transmittance(span, after, lottery, sink);
                 if let Some(p) = prefix.filter(|_| self.facts.borders.any()) {
                     let m = &self.scene.media[span.medium as usize];
                     let end = super::tracking::walked_weight(m, span, span.t1, p.beta, p.r);
@@ -416,7 +420,7 @@ impl Sweep<'_> {
                 let l = *weight * *radiance;
                 let value = l * via.sigma;
                 for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
-                    self.transmittance(span, value, sink);
+                    self.transmittance(span, value, lottery, sink);
                 }
                 if let Some((medium, m)) = phase {
                     self.phase(*medium, *m, value, sink);
@@ -436,7 +440,7 @@ impl Sweep<'_> {
                 self.emission(*weight * sigma_s, emission, sink);
                 let value = *weight * sigma_s * emission.color();
                 for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
-                    self.transmittance(span, value, sink);
+                    self.transmittance(span, value, lottery, sink);
                 }
                 for (medium, m) in phase.iter().flatten() {
                     self.phase(*medium, *m, value, sink);
@@ -467,7 +471,7 @@ impl Sweep<'_> {
     }
 
     /// `T' = -Sigma_t T` [T] (11), (52b); where an end moves, -ṫ σ_t T more ([`super::border`]).
-    fn transmittance(&self, span: &MediumSpan, after: Rgb, sink: &mut impl Sink) {
+    fn transmittance(&self, span: &MediumSpan, after: Rgb, lottery: &mut Lottery, sink: &mut impl Sink) {
         for place in self.facts.borders.ends(self.scene, span).into_iter().flatten() {
             let sigma_t = self.scene.media[span.medium as usize].coefficients(place.p).0;
             place.score(self.scene, -(sigma_t * after), sink);
@@ -476,6 +480,8 @@ impl Sweep<'_> {
             return;
         }
         let m = &self.scene.media[span.medium as usize];
+        let after = if m.is_homogeneous() { Some(after) } else { lottery.draw(after) };
+        let Some(after) = after else { return };
         m.depth_partials(self.params, span.o, span.w, span.t0, span.t1, |slot, d| sink.add(slot, -(d * after)));
     }
 

@@ -62,6 +62,105 @@ fn a_point_light_is_a_small_lamp() {
     }
 }
 
+/// An OBJ file of a mesh with a normal a vertex.
+fn smooth_mesh(path: &std::path::Path, vertices: &[([f64; 3], [f64; 3])], faces: &[[usize; 3]]) {
+    let line = |name: &str, [x, y, z]: [f64; 3]| format!("{name} {x} {y} {z}\n");
+    let mut file: String =
+        vertices.iter().map(|v| line("v", v.0)).chain(vertices.iter().map(|v| line("vn", v.1))).collect();
+    for f in faces {
+        let [a, b, c] = f.map(|i| i + 1);
+        file += &format!("f {a}//{a} {b}//{b} {c}//{c}\n");
+    }
+    std::fs::write(path, file).unwrap();
+}
+
+/// A ball of milk of 8 n² facets; a floor of glass whose normals lean by 50 degrees; a ceiling of metal whose normals lean, above a blind.
+fn smooth_meshes(dir: &std::path::Path, n: usize) -> [String; 3] {
+    let of = |name: &str, rest: &str| {
+        format!(r#"<shape type="obj"><string name="filename" value="{}"/>{rest}</shape>"#, dir.join(name).display())
+    };
+    let (mut vertices, mut faces) = (Vec::new(), Vec::new());
+    for octant in 0..8 {
+        let sign = [0, 1, 2].map(|k| if octant >> k & 1 == 0 { 1.0 } else { -1.0 });
+        let index = |i: usize, j: usize| vertices.len() + i * (i + 1) / 2 + j;
+        let outward = sign[0] * sign[1] * sign[2] > 0.0;
+        for (i, j) in (0..n).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+            let mut own = vec![[index(i, j), index(i + 1, j), index(i + 1, j + 1)]];
+            own.extend((j < i).then(|| [index(i, j), index(i + 1, j + 1), index(i, j + 1)]));
+            faces.extend(own.into_iter().map(|[a, b, c]| if outward { [a, b, c] } else { [a, c, b] }));
+        }
+        for (i, j) in (0..=n).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+            let p = [(n - i) as f64 * sign[0], (i - j) as f64 * sign[1], j as f64 * sign[2]];
+            let size = p.iter().map(|x| x * x).sum::<f64>().sqrt();
+            vertices.push((p.map(|x| 0.6 * x / size), p.map(|x| x / size)));
+        }
+    }
+    smooth_mesh(&dir.join("ball.obj"), &vertices, &faces);
+    let quad = |y: f64, n: fn(f64, f64) -> [f64; 3]| {
+        [[-3.0, -3.0], [-3.0, 3.0], [3.0, 3.0], [3.0, -3.0]].map(|[x, z]| ([x, y, z], n(x, z)))
+    };
+    let above = quad(0.6, |x, z| [-1.2 + 0.1 * x, 1.0, 0.08 * z - 0.2]);
+    smooth_mesh(&dir.join("glass.obj"), &above, &[[0, 1, 2], [0, 2, 3]]);
+    let below = quad(4.0, |x, z| [0.72 + 0.03 * x, -1.0, 0.02 * z]);
+    smooth_mesh(&dir.join("metal.obj"), &below, &[[0, 2, 1], [0, 3, 2]]);
+    let metal = r#"<bsdf type="conductor"><rgb name="eta" value="0.2,0.9,1.2"/><float name="k" value="2.5"/></bsdf>"#;
+    let blind = r#"<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><translate x="0.5" y="2"/></transform><bsdf type="diffuse"><float name="reflectance" value="0"/></bsdf></shape>"#;
+    [of("ball.obj", &format!("{GLASS}{MILK}")), of("glass.obj", GLASS), of("metal.obj", metal) + blind]
+}
+
+/// The camera of [`caustic`] under what would show it the lamp itself.
+fn from_below(text: &str) -> String {
+    text.replace(r#"origin="-3, 2.5, 0""#, r#"origin="-2.2, 0.2, 0""#)
+}
+
+/// Meshes shaded by vertex normals bend light by these, and paths from the other end see as much of it, however far they lean from the faces.
+#[test]
+fn vertex_normals_bend_light() {
+    let dir = tempfile::tempdir().unwrap();
+    let [ball, glass, metal] = smooth_meshes(dir.path(), 4).map(|s| move |light: &str| caustic(&s, light));
+    let ball = |light: &str| ball(light);
+    let scenes: [(&dyn Fn(&str) -> String, f64, f64); 3] = [
+        (&ball, 0.15, 0.08),
+        (&|light| from_below(&glass(light)), 0.2, 0.03),
+        (&|light| from_below(&metal(light)), 0.2, 0.06),
+    ];
+    for (k, (of, radius, limit)) in scenes.into_iter().enumerate() {
+        let point = forward(&of(POINT), &[], 1 << 14)[0];
+        let lamp = forward(&of(&lamp(radius)), &[], 1 << 18)[0];
+        for c in 0..3 {
+            let se = point.error[c].hypot(lamp.error[c]);
+            println!(
+                "{k} {c}: {:.5} +- {:.5}, lamp {:.5} +- {:.5}",
+                point.value[c], point.error[c], lamp.value[c], lamp.error[c]
+            );
+            assert!((point.value[c] - lamp.value[c]).abs() < 4.5 * se, "{k} {c}: {point:?} {lamp:?}");
+            assert!(se < limit * lamp.value[c], "{k} {c}: {point:?} {lamp:?}");
+        }
+        let (_, mut scene) = scene(&of(POINT));
+        assert!(!scene.warnings.iter().any(|w| w.kind == WarningKind::LightBehindGlass), "{:?}", scene.warnings);
+        scene.seeds.clear();
+        let without = estimate(&run(&scene, 1 << 12, 3, Mode::Picture), 0);
+        assert!(point.value[1] > 1.3 * without.value[1], "{k} {point:?} {without:?}");
+    }
+}
+
+/// A mesh of many faces with a ball's normals is the ball: by point light and sun, and what milk does in it is in the record.
+#[test]
+fn a_fine_mesh_is_a_ball() {
+    let dir = tempfile::tempdir().unwrap();
+    let [mesh, ..] = smooth_meshes(dir.path(), 16);
+    let ball = format!(r#"<shape type="sphere"><float name="radius" value="0.6"/>{GLASS}{MILK}</shape>"#);
+    let sun = r#"<emitter type="directional"><vector name="direction" value="-1, -3, 0"/><float name="irradiance" value="2"/></emitter>"#;
+    for light in [POINT, sun] {
+        let [a, b] = [&mesh, &ball].map(|shapes| forward(&caustic(shapes, light), &["milk", "white"], 1 << 14));
+        for (a, b) in a.iter().zip(&b) {
+            let se = a.error[1].hypot(b.error[1]);
+            println!("{:.5} +- {:.5}, ball {:.5} +- {:.5}", a.value[1], a.error[1], b.value[1], b.error[1]);
+            assert!((a.value[1] - b.value[1]).abs() < 4.5 * se && se < 0.15 * b.value[1].abs(), "{a:?} {b:?}");
+        }
+    }
+}
+
 /// Light from far away is parallel; a wide beam is such light, too.
 #[test]
 fn far_lights_are_parallel() {

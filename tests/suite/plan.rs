@@ -191,6 +191,10 @@ fn scenes_give_their_rows() {
         } else {
             let e = p.refuse().unwrap_err().to_string();
             assert!(e.contains("d/dx needs") && e.contains("not available yet") && e.contains("help:"), "{e}");
+            // The table names what the refusal names.
+            let named = e.split('`').nth(1).filter(|_| e.contains("plan.xml:"));
+            let told = |name: &str| p.lines.iter().any(|l| l.reason.contains(&format!("because of `{name}`")));
+            assert!(named.is_none_or(told), "{e} {:?}", p.lines);
         }
     }
 }

@@ -1,0 +1,59 @@
+//! Russian roulette over spans whose optical depth is differentiated, [T] (52b).
+//!
+//! The depth of a span through a grid depends on every voxel along it, and most connections from inside a dense medium carry next to nothing: scenes/cloud spent
+//! 72 % of that work on spans with less than 1e-4 of the sum of squares. A span is kept with probability `q = min(1, |a| / (SHARE A))` and counts 1/q,
+//! `a` what the path collected behind it, `A` what the whole path did: the second moment grows by no more than `SHARE |a| A`.
+
+use crate::math::Rgb;
+use crate::math::rng::Rng;
+
+/// Part of a path's value below which its spans are drawn.
+const SHARE: f64 = 0.125;
+
+/// Draws of one path, the same whatever is differentiated and however its record is cut into chunks.
+pub(super) struct Lottery {
+    rng: Rng,
+    all: f64,
+}
+
+impl Lottery {
+    /// `value`: what the path collected in all.
+    pub fn new(rng: Rng, value: Rgb) -> Self {
+        Lottery { rng, all: SHARE * value.abs().max() }
+    }
+
+    /// `after`, weighted, or `None` where the span is left out. What is not a number stays.
+    pub fn draw(&mut self, after: Rgb) -> Option<Rgb> {
+        let q = after.abs().max() / self.all;
+        if q >= 1.0 || q.is_nan() {
+            return Some(after);
+        }
+        (self.rng.uniform() < q).then(|| after / q)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_kept_counts_for_what_is_not() {
+        let mut lottery = Lottery::new(Rng::keyed(1, 0, 0, 0), Rgb([0.1, -0.8, 0.2]));
+        for (k, a) in [0.2, 0.1, 0.05, 0.02, 0.005].into_iter().enumerate() {
+            let after = Rgb([-a, 0.5 * a, 0.0]);
+            let (mut sum, mut square, mut kept) = (0.0, 0.0, 0);
+            let n = 100_000;
+            for _ in 0..n {
+                let drawn = lottery.draw(after);
+                kept += usize::from(drawn.is_some());
+                let x = drawn.map_or(0.0, |d| d[0]);
+                (sum, square) = (sum + x, square + x * x);
+            }
+            let (mean, q) = (sum / n as f64, (a / 0.1f64).min(1.0));
+            let error = (square / n as f64 - mean * mean).max(0.0).sqrt() / (n as f64).sqrt();
+            assert!((mean + a).abs() <= 4.5 * error + 1e-12, "{k}: {mean} +- {error}");
+            assert!((kept as f64 / n as f64 - q).abs() < 4.5 * (q * (1.0 - q) / n as f64).sqrt() + 1e-12);
+        }
+        assert!(Lottery::new(Rng::keyed(1, 0, 0, 0), Rgb::ZERO).draw(Rgb::splat(f64::NAN)).is_some());
+    }
+}
