@@ -58,6 +58,8 @@ struct Plane {
     p: DVec3,
     x: DVec3,
     y: DVec3,
+    /// Light is mirrored there, and does not go through.
+    mirrors: bool,
 }
 
 impl Plane {
@@ -77,7 +79,7 @@ impl Plane {
         if slope.abs() <= PARALLEL {
             return (off.abs() <= IN_PLANE * size).then_some(*self);
         }
-        Some(Plane { p: self.p + self.x * (off / slope), x: DVec3::ZERO, y: DVec3::ZERO })
+        Some(Plane { p: self.p + self.x * (off / slope), x: DVec3::ZERO, y: DVec3::ZERO, mirrors: false })
     }
 
     /// Where two of them meet, near p.
@@ -89,7 +91,7 @@ impl Plane {
             return None;
         }
         let off = (b.cross(along) * a.dot(self.p - p) + along.cross(a) * b.dot(other.p - p)) / square;
-        Some(Plane { p: p + off, x: along / square.sqrt(), y: DVec3::ZERO })
+        Some(Plane { p: p + off, x: along / square.sqrt(), y: DVec3::ZERO, mirrors: false })
     }
 }
 
@@ -146,7 +148,7 @@ impl Planes {
         let mut now = 1.0;
         for f in folds {
             let (x, y) = warp::frame(f.n);
-            planes.push(Plane { p: f.p, x, y });
+            planes.push(Plane { p: f.p, x, y, mirrors: !f.through });
             index.push(now);
             if f.through {
                 now *= f.index[1] / f.index[0];
@@ -165,7 +167,7 @@ impl Planes {
         }
     }
 
-    /// The direction in which that ray arrives, if it crosses each plane within the convex hull of some points; others may be told as well. Mirrors have to be folded away ([`super::fold::unfold`]).
+    /// The direction in which that ray arrives, if it crosses each plane within the convex hull of some points; others may be told as well.
     pub fn arrival(&self, eye: &Eye, o: DVec3, e: DVec3, hulls: &[&[DVec3]]) -> Way<DVec3> {
         match self.planes.len() {
             0 => (e - o).try_normalize().map_or(Way::None, Way::Found),
@@ -175,7 +177,7 @@ impl Planes {
         }
     }
 
-    /// Its last direction. The least way may touch a plane and turn back where both its neighbours lie on one side: light does not.
+    /// Its last direction. The least way may touch an interface and turn back where both its neighbours lie on one side, or pass a mirror: light does not.
     fn arrived<const N: usize>(&self, eye: &Eye, o: DVec3, e: DVec3, q: &Vector<N>) -> Option<DVec3> {
         let k = self.planes.len();
         let way = |i: usize| {
@@ -184,7 +186,7 @@ impl Planes {
         };
         let crosses = |i: usize| {
             let n = self.planes[i].normal();
-            way(i).dot(n) * way(i + 1).dot(n) > 0.0
+            (way(i).dot(n) * way(i + 1).dot(n) > 0.0) != self.planes[i].mirrors
         };
         (0..k).all(crosses).then(|| way(k).try_normalize())?
     }

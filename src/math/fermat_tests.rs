@@ -7,7 +7,7 @@ use smallvec::smallvec;
 
 fn plane(p: DVec3, n: DVec3) -> Plane {
     let (x, y) = warp::frame(n.normalize());
-    Plane { p, x, y }
+    Plane { p, x, y, mirrors: false }
 }
 
 /// Snell's law at every plane, from skew beginnings: a prism, a mirror behind glass, parallel rays.

@@ -396,12 +396,12 @@ impl Plan {
         let lines = Term::ALL
             .iter()
             .map(|&t| {
-                let absent = missing.iter().any(|m| m.term == t);
-                let cause = missing.iter().filter(|m| m.term == t).find_map(|m| m.cause.as_ref());
+                let own = || missing.iter().filter(|m| m.term == t);
+                let cause = own().find_map(|m| m.cause.as_ref());
                 let cause =
                     cause.map_or(String::new(), |c| format!(" because of `{}` ({}): {}", c.name, c.span, c.remedy));
                 let (decision, reason) = match all.get(&t) {
-                    Some(why) if absent => ("missing", format!("{why}: not available yet{cause}")),
+                    Some(why) if own().next().is_some() => ("missing", format!("{why}: not available yet{cause}")),
                     Some(why) => ("use", why.clone()),
                     None if wrt.is_empty() => ("skip", "no parameter is asked for".into()),
                     None => ("skip", format!("{}: nothing that enters it changes", t.what())),

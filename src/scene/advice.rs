@@ -101,7 +101,7 @@ fn left_out(scene: &Scene, l: &Light) -> Vec<(String, String)> {
         if chains.touching {
             add(
                 "by faces of glass or mirrors that touch".into(),
-                "leave a gap of about a hundredth of their size between the shapes, or make them one",
+                "leave a gap between the shapes (a ten-thousandth of their size is enough), or make them one",
             );
         }
         if chains.cut {

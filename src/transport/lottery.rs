@@ -2,7 +2,7 @@
 //!
 //! The depth of a span through a grid depends on every voxel along it, and most connections from inside a dense medium carry next to nothing: scenes/cloud spent
 //! 72 % of that work on spans with less than 1e-4 of the sum of squares. A span is kept with probability `q = min(1, |a| / (SHARE A))` and counts 1/q,
-//! `a` what the path collected behind it, `A` what the whole path did: the second moment grows by no more than `SHARE |a| A`.
+//! `a` what the path collected behind it, `A` what it collected in all that has scattered: the second moment `a² d²` of a depth's derivative d grows by no more than `SHARE |a| A d²`.
 
 use crate::math::Rgb;
 use crate::math::rng::Rng;
@@ -10,22 +10,22 @@ use crate::math::rng::Rng;
 /// Part of a path's value below which its spans are drawn.
 const SHARE: f64 = 0.125;
 
-/// Draws of one path, the same whatever is differentiated and however its record is cut into chunks.
+/// Draws of one path: the same in forward and reverse mode, whatever is differentiated, and however its record is cut into chunks.
 pub(super) struct Lottery {
     rng: Rng,
     all: f64,
 }
 
 impl Lottery {
-    /// `value`: what the path collected in all.
-    pub fn new(rng: Rng, value: Rgb) -> Self {
-        Lottery { rng, all: SHARE * value.abs().max() }
+    /// `scattered`: what the path collected, but for light that comes straight, which has none of their variance.
+    pub fn new(rng: Rng, scattered: Rgb) -> Self {
+        Lottery { rng, all: SHARE * scattered.abs().max() }
     }
 
-    /// `after`, weighted, or `None` where the span is left out. What is not a number stays.
+    /// `after`, weighted, or `None` where the span is left out. What is not finite stays.
     pub fn draw(&mut self, after: Rgb) -> Option<Rgb> {
         let q = after.abs().max() / self.all;
-        if q >= 1.0 || q.is_nan() {
+        if q >= 1.0 || q.is_nan() || !after.is_finite() {
             return Some(after);
         }
         (self.rng.uniform() < q).then(|| after / q)
@@ -54,6 +54,7 @@ mod tests {
             assert!((mean + a).abs() <= 4.5 * error + 1e-12, "{k}: {mean} +- {error}");
             assert!((kept as f64 / n as f64 - q).abs() < 4.5 * (q * (1.0 - q) / n as f64).sqrt() + 1e-12);
         }
-        assert!(Lottery::new(Rng::keyed(1, 0, 0, 0), Rgb::ZERO).draw(Rgb::splat(f64::NAN)).is_some());
+        assert!(lottery.draw(Rgb([f64::NAN, 1e-9, 1e-9])).is_some());
+        assert!(Lottery::new(Rng::keyed(1, 0, 0, 0), Rgb::ZERO).draw(Rgb::splat(1e-9)).is_some());
     }
 }

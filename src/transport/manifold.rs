@@ -1,4 +1,4 @@
-//! Connections to point, spot, directional and collimated lights by chains of smooth surfaces that nothing lists: of several balls, of balls and panes, of cylinders (Zeltner, Georgiev and Jakob,
+//! Connections to point, spot, directional and collimated lights by chains of smooth surfaces that nothing lists: of several balls, of balls and panes, of cylinders, of meshes shaded by vertex normals (Zeltner, Georgiev and Jakob,
 //! "Specular manifold sampling", 2020).
 //!
 //! A random ray of the light, sent at one of the smooth shapes, finds a chain by chance; Newton's method goes on from it to the ray that the chain takes to the vertex ([`super::shot`]). Any solution is found with a probability P that
@@ -17,6 +17,9 @@ use crate::math::{DVec3, Rgb};
 use crate::scene::Scene;
 use crate::scene::beams::{Step, Way};
 use smallvec::SmallVec;
+
+/// Ways that bring less than this part of what the light would bring straight are asked for the more rarely, the less they bring.
+const FAINT: f64 = 0.1;
 
 /// Score what all lights without extent, and all beams, bring to the vertex at `s.o` by one chain that chance finds.
 pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
@@ -63,6 +66,18 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         let (on, medium) = vertex.start(s, -way.w);
         if beam::clear(scene, &way, &points, (x, on, medium), &mut |_| {}).is_none() {
             continue;
+        }
+        // Light that goes round in many ways is faint, and each of them would take a search of its own.
+        let straight = match eye {
+            Eye::Point(q) => 1.0 / (x - q).length_squared(),
+            Eye::Parallel(_) => 1.0,
+        };
+        let asked = way.gain.max() / (FAINT * straight);
+        if asked < 1.0 {
+            if rng.uniform() >= asked {
+                continue;
+            }
+            way.gain *= 1.0 / asked;
         }
         let size = (x - found.o).length();
         let again = (&chain[..], &Target::Point(x), shot::TO_LIT);

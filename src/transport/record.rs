@@ -286,6 +286,8 @@ pub struct PathRecord {
     pub lights_only: bool,
     /// No vertex moves.
     pub still: bool,
+    /// What walks have added after at least one scattering.
+    pub scattered: Rgb,
     /// Legs of all chains so far ([`Opening`]).
     pub legs: Vec<Leg>,
     opening: Opening,
@@ -306,6 +308,7 @@ impl PathRecord {
             mirrors: None,
             lights_only: false,
             still: false,
+            scattered: Rgb::ZERO,
             legs: Vec::new(),
             opening: Opening::default(),
             back: None,
@@ -331,6 +334,12 @@ impl Default for PathRecord {
 
 impl Recorder for PathRecord {
     const ON: bool = true;
+
+    fn score(&mut self, order: u32, value: Rgb) {
+        if order > 0 {
+            self.scattered += value;
+        }
+    }
 
     fn push(&mut self, e: Event) {
         if self.lights_only && !e.moves_a_light() {

@@ -1,7 +1,7 @@
 //! Shots: rays from an eye, or from a light, by way of smooth interfaces to a given point, such as one of an edge, or past a ball ([T] 6.2, 6.4).
 //!
 //! A chain of interfaces takes every ray of an eye to one line. Which of the eye's rays it takes to the point e is found by Newton's method on the ray itself, with dual numbers
-//! through the chain's planes, spheres and cylinders as if they had no borders; then the ray is walked through the scene, and counts only if it meets just those faces. Its Jacobian
+//! through the chain's planes, spheres and cylinders as if they had no borders (of a mesh shaded by vertex normals, through the faces that the ray meets); then the ray is walked through the scene, and counts only if it meets just those faces. Its Jacobian
 //! is the area across the ray at e over the solid angle at the eye (over the area, for parallel rays): what [T] (47) and (48) have without the light's share.
 //!
 //! A ball's outline, as a chain shows it, is a curve that no formula gives. A great circle drawn at random crosses it in points that Newton's method finds, and the mean number
@@ -18,9 +18,9 @@ use crate::math::fresnel::Interface;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Dual, Real, Rgb, V3, warp};
 use crate::scene::chains::has_flat_faces;
-use crate::scene::{On, Scene, effort};
+use crate::scene::{Hit, On, Scene, effort};
 use crate::shape::{Geometry, Shape, Sphere, TriangleMesh, barycentric};
-use crate::surface::Surface;
+use crate::surface::{Ray, Surface};
 use smallvec::SmallVec;
 use std::f64::consts::PI;
 
@@ -58,6 +58,8 @@ pub struct Step {
     pub through: bool,
     /// Of what is curved: it is met from inside. Flat mirrors are met from either side by the same step.
     pub inside: bool,
+    /// Of a mesh shaded by vertex normals: the face's own normal turns the ray ([`turns`]).
+    pub by_face: bool,
 }
 
 impl Step {
@@ -69,12 +71,15 @@ impl Step {
             Shape::Mesh(_) if !has_flat_faces(instance) => (ANY, s.hit.n),
             _ => (s.hit.face, DVec3::ZERO),
         };
-        Step { shape: s.hit.shape, face, through: s.through, inside: s.w.dot(outward) > 0.0 }
+        let by_face = face == ANY && s.n == s.hit.n && !is_alike(&s.hit);
+        Step { shape: s.hit.shape, face, through: s.through, inside: s.w.dot(outward) > 0.0, by_face }
     }
 
-    /// Whether it is by what a ray has met.
-    fn meets(&self, met: &Specular) -> bool {
-        self.shape == met.hit.shape && (self.face == ANY || self.face == met.hit.face)
+    /// By which of the turns a ray that has met a face takes this step, and whether through; `None` where it takes another.
+    fn taken(&self, scene: &Scene, hit: &Hit, w: DVec3, turns: &[Turn]) -> Option<(usize, bool)> {
+        let is_it =
+            |t: &Turn| Step::of(scene, &Specular { hit: *hit, n: t.n, w, out: w, through: self.through }) == *self;
+        turns.iter().position(is_it).map(|k| (k, self.through))
     }
 }
 
@@ -87,16 +92,12 @@ fn faces(scene: &Scene, start: Start, place: &Place, chain: &[Step]) -> Option<F
         return Some(chain.into());
     }
     let mut k = 0;
-    let left = walk(scene, start, place, false, |met, _, _| {
-        let wanted = chain.get(k)?;
-        let through = wanted.through;
-        (Step::of(scene, &Specular { through, ..*met }) == *wanted).then(|| {
-            k += 1;
-            through
-        })
+    let left = walk(scene, start, place, false, chain.len(), |hit, w, turns| {
+        k += 1;
+        chain[k - 1].taken(scene, hit, w, turns)
     })?;
     let known = |(s, met): (&Step, &Specular)| Step { face: met.hit.face, ..*s };
-    (k == chain.len()).then(|| chain.iter().zip(&left.chain).map(known).collect())
+    (left.chain.len() == chain.len()).then(|| chain.iter().zip(&left.chain).map(known).collect())
 }
 
 /// What a shot has to meet.
@@ -173,36 +174,63 @@ impl Place {
     }
 }
 
-/// Walk a ray through the scene; `choose` says at each smooth surface whether to go through (`None`: the chain ends before it), given the share that is mirrored. Its weight leaves out media unless it is `weighed`.
+/// What a smooth surface makes of a ray by a normal, which is on its front: what is mirrored, and what goes through.
+struct Turn {
+    n: DVec3,
+    rays: [Option<Ray>; 2],
+}
+
+/// Normals as near to each other are one.
+const ALIKE: f64 = 1e-9;
+
+fn is_alike(hit: &Hit) -> bool {
+    (hit.ns - hit.n).length() <= ALIKE
+}
+
+/// What a ray from a light may become. Where vertex normals lean so far that they would send a ray to the wrong side of a face, that is turned by the face's own normal ([`specular::rays`]),
+/// and that goes by the rays of paths from the other end: what these turn back along w counts, by either normal, which may be two rays or none.
+fn turns(scene: &Scene, hit: &Hit, w: DVec3) -> SmallVec<[Turn; 2]> {
+    let instance = &scene.shapes[hit.shape as usize];
+    let surface = &scene.surfaces[instance.surface as usize];
+    if has_flat_faces(instance) || is_alike(hit) {
+        let (n, rays) = (hit.ns, surface.rays(hit.ns, w));
+        return SmallVec::from_iter([Turn { n, rays }]);
+    }
+    let returns = |n: DVec3, r: &Ray| specular::rays(surface, hit, -r.w).0 == n;
+    let by = |n: DVec3| Turn { n, rays: surface.rays(n, w).map(|r| r.filter(|r| returns(n, r))) };
+    [hit.ns, hit.n].map(by).into_iter().filter(|t| t.rays.iter().any(Option::is_some)).collect()
+}
+
+/// Walk a ray through the scene, past `most` smooth surfaces; `choose` says at each by which of its turns it goes on, and whether through (`None`: the chain ends before it). Its weight leaves out media unless it is `weighed`.
 fn walk(
     scene: &Scene,
     start: Start,
     place: &Place,
     weighed: bool,
-    mut choose: impl FnMut(&Specular, f64, bool) -> Option<bool>,
+    most: usize,
+    mut choose: impl FnMut(&Hit, DVec3, &[Turn]) -> Option<(usize, bool)>,
 ) -> Option<Left> {
     let medium = place.medium(start.w);
     let mut ray = Left { at: start, on: place.on, medium, chain: Vec::new(), weight: Rgb::ONE };
-    loop {
-        let (line, hit) = Line::to_surface(scene, ray.at.o, ray.at.w, &ray.on, ray.medium, weighed)?;
+    while ray.chain.len() < most {
+        let w = ray.at.w;
+        let (line, hit) = Line::to_surface(scene, ray.at.o, w, &ray.on, ray.medium, weighed)?;
         let Some(hit) = hit else { return Some(ray) };
         let shape = &scene.shapes[hit.shape as usize];
-        let surface = &scene.surfaces[shape.surface as usize];
-        if !surface.is_smooth() {
+        if !scene.surfaces[shape.surface as usize].is_smooth() {
             return Some(ray);
         }
-        let (n, rays) = specular::rays(surface, &hit, ray.at.w);
-        let [mirrored, refracted] = rays;
-        let share = mirrored.map_or(0.0, |r| r.weight.mean());
-        let met = Specular { hit, n, w: ray.at.w, out: ray.at.w, through: false };
-        let Some(through) = choose(&met, share, refracted.is_some()) else { return Some(ray) };
+        let turns = turns(scene, &hit, w);
+        let Some((turn, through)) = choose(&hit, w, &turns) else { return Some(ray) };
+        let Turn { n, rays: [mirrored, refracted] } = turns[turn];
         let taken = if through { refracted? } else { mirrored? };
-        ray.chain.push(Specular { out: taken.w, through, ..met });
-        ray.on = specular::left(&ray.on, &hit, ray.at.w, through, scene.tolerance(hit.p));
-        ray.medium = if through { shape.medium_behind(ray.at.w, hit.n, line.last) } else { line.last };
+        ray.chain.push(Specular { hit, n, w, out: taken.w, through });
+        ray.on = specular::left(&ray.on, &hit, w, through, scene.tolerance(hit.p));
+        ray.medium = if through { shape.medium_behind(w, hit.n, line.last) } else { line.last };
         ray.weight *= line.transmittance() * taken.weight;
         ray.at = Start { o: hit.p, w: taken.w };
     }
+    Some(ray)
 }
 
 /// A random chain behind a ray, of one face at least; `None` where it meets none, or ends before it has one.
@@ -215,12 +243,15 @@ pub fn random_chain(
 ) -> Option<Vec<Specular>> {
     let mut lossless = false;
     let mut first = true;
-    let left = walk(scene, start, place, false, |_, mirrored, passable| {
+    let left = walk(scene, start, place, false, usize::MAX, |_, _, turns| {
         if !std::mem::take(&mut first) && rng.uniform() >= goes_on[usize::from(lossless)] {
             return None;
         }
-        lossless = !passable;
-        Some(passable && rng.uniform() >= mirrored.clamp(EITHER, 1.0 - EITHER))
+        let turn = if turns.len() > 1 { (rng.uniform() * turns.len() as f64) as usize } else { 0 };
+        let [mirrored, refracted] = &turns.get(turn)?.rays;
+        let mirrored = mirrored.map_or(0.0, |r| r.weight.mean());
+        lossless = refracted.is_none();
+        Some((turn, !lossless && rng.uniform() >= mirrored.clamp(EITHER, 1.0 - EITHER)))
     })?;
     (!left.chain.is_empty()).then_some(left.chain)
 }
@@ -237,7 +268,8 @@ fn shading_normal(m: &TriangleMesh, face: u32, p: V3<D2>, front: DVec3) -> Optio
     let [v0, v1, v2] = m.corners(face).map(V3::constant);
     let (b1, b2) = barycentric(v0, v1, v2, p - v0);
     let [n0, n1, n2] = m.faces[face as usize].map(|i| V3::constant(normals[i as usize]));
-    let n = (n0 * (-b1 - b2 + 1.0) + n1 * b1 + n2 * b2).normalize();
+    let n = n0 * (-b1 - b2 + 1.0) + n1 * b1 + n2 * b2;
+    let n = (n.length_squared().v > 0.0).then(|| n.normalize())?;
     Some(if n.value().dot(front) < 0.0 { -n } else { n })
 }
 
@@ -290,10 +322,8 @@ fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<Carried
             }
             let p = o + d * t;
             let n = match flat {
-                Shape::Mesh(m) if !has_flat_faces(instance) => {
-                    let hit = scene.hit_at(p.value(), step.shape, step.face);
-                    let (used, _) = specular::rays(surface, &hit, d.value());
-                    if used == hit.ns { shading_normal(m, step.face, p, hit.n)? } else { n }
+                Shape::Mesh(m) if !step.by_face && !has_flat_faces(instance) => {
+                    shading_normal(m, step.face, p, n.value()).unwrap_or(n)
                 }
                 _ => n,
             };
@@ -455,12 +485,11 @@ fn fire(
     past: Option<u32>,
 ) -> Option<Shot> {
     let mut k = 0;
-    let left = walk(scene, start, place, true, |met, _, _| {
-        let step = chain.get(k).filter(|s| s.meets(met))?;
+    let left = walk(scene, start, place, true, chain.len(), |hit, w, turns| {
         k += 1;
-        Some(step.through)
+        chain[k - 1].taken(scene, hit, w, turns)
     })?;
-    if k != chain.len() {
+    if left.chain.len() != chain.len() {
         return None;
     }
     let w = left.at.w;

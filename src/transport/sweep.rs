@@ -323,14 +323,15 @@ impl Sweep<'_> {
         rec.mirrors = self.facts.mirrors.then(|| self.facts.clone());
         state.aside = state.rng.beside(derivative.next_u64());
         let spans = Rng::keyed(derivative.next_u64(), Purpose::Derivative as u64, 0, 0);
+        rec.scattered = Rgb::ZERO;
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
         let first = state.clone();
         let mut w = Walker::new(self.scene, self.set, rec);
         let s = camera_line::start(&mut w, state);
         w.run(s);
         let value = plain.unwrap_or(w.value);
-        let mut lottery = Lottery::new(spans, w.value);
         *tally = tally.plus(&w.tally);
+        let mut lottery = Lottery::new(spans, rec.scattered);
         let Some(mut candidates) = rec.candidates.take() else { return value };
         candidates.scan(self.scene, &rec.events);
 
@@ -476,12 +477,12 @@ impl Sweep<'_> {
             let sigma_t = self.scene.media[span.medium as usize].coefficients(place.p).0;
             place.score(self.scene, -(sigma_t * after), sink);
         }
-        if !self.facts.media[span.medium as usize].extinction || after.is_zero() {
+        if after.is_zero() {
             return;
         }
         let m = &self.scene.media[span.medium as usize];
-        let after = if m.is_homogeneous() { Some(after) } else { lottery.draw(after) };
-        let Some(after) = after else { return };
+        let drawn = if m.is_homogeneous() { Some(after) } else { lottery.draw(after) };
+        let Some(after) = drawn.filter(|_| self.facts.media[span.medium as usize].extinction) else { return };
         m.depth_partials(self.params, span.o, span.w, span.t0, span.t1, |slot, d| sink.add(slot, -(d * after)));
     }
 
