@@ -117,14 +117,13 @@ fn from_below(text: &str) -> String {
 #[test]
 fn vertex_normals_bend_light() {
     let dir = tempfile::tempdir().unwrap();
-    let [ball, glass, metal] = smooth_meshes(dir.path(), 4).map(|s| move |light: &str| caustic(&s, light));
-    let ball = |light: &str| ball(light);
-    let scenes: [(&dyn Fn(&str) -> String, f64, f64); 3] = [
-        (&ball, 0.15, 0.08),
-        (&|light| from_below(&glass(light)), 0.2, 0.03),
-        (&|light| from_below(&metal(light)), 0.2, 0.06),
-    ];
-    for (k, (of, radius, limit)) in scenes.into_iter().enumerate() {
+    let [ball, glass, metal] = smooth_meshes(dir.path(), 4);
+    let scenes = [(ball, false, 0.15, 0.08), (glass, true, 0.2, 0.03), (metal, true, 0.2, 0.06)];
+    for (k, (shapes, below, radius, limit)) in scenes.into_iter().enumerate() {
+        let of = |light: &str| {
+            let text = caustic(&shapes, light);
+            if below { from_below(&text) } else { text }
+        };
         let point = forward(&of(POINT), &[], 1 << 14)[0];
         let lamp = forward(&of(&lamp(radius)), &[], 1 << 18)[0];
         for c in 0..3 {
