@@ -115,7 +115,7 @@ pub enum WarningKind {
     CameraInUnnamedMedium,
     /// A medium's boundary mesh has holes, or is closed only after welding.
     LeakyBoundary,
-    /// A mesh of glass has holes.
+    /// A mesh of glass has holes, or faces turned inside out.
     OpenInterface,
     /// A number that is allowed, but hardly meant.
     UnlikelyValue,
@@ -123,7 +123,7 @@ pub enum WarningKind {
     LightInUnnamedMedium,
     /// A light without extent whose way through an interface is not followed.
     LightBehindGlass,
-    /// Faces without area, non-manifold edges.
+    /// Faces without area, non-manifold edges, normals of length 0.
     DegenerateMesh,
     /// Coordinates so large that single precision geometry is coarse.
     LargeCoordinates,

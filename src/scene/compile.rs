@@ -290,8 +290,15 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
                         half-space, as a rectangle does, has to reach past everything that is seen";
             warn(WarningKind::OpenInterface, what, hint);
         }
+        let turned = m.topology().faces_against_normals;
+        if parts.surfaces[s.surface].is_glass() && !boundary && turned > 0 {
+            let what = format!("it refracts, but {turned} of its faces are wound against their vertex normals");
+            let hint = "turn these faces in the file: their winding says what is inside, normals only shade";
+            warn(WarningKind::OpenInterface, what, hint);
+        }
         if let Some(defect) = m.topology().defects() {
-            warn(WarningKind::DegenerateMesh, defect, "such faces and edges are rendered as they are");
+            let hint = "such faces and edges are rendered as they are, and faces are shaded flat where normals have no direction";
+            warn(WarningKind::DegenerateMesh, defect, hint);
         }
     }
     Ok(Instance {

@@ -28,6 +28,8 @@ pub struct Topology {
     pub degenerate_faces: usize,
     /// Faces whose winding opposes their vertex normals.
     pub faces_against_normals: usize,
+    /// Vertex normals of length 0.
+    pub zero_normals: usize,
     /// Enclosed volume (closed meshes): positive if the normals point outward.
     pub signed_volume: f64,
 }
@@ -77,6 +79,7 @@ impl Topology {
             inconsistent_edges: edges.inconsistent,
             degenerate_faces: (0..mesh.faces.len() as u32).filter(|&f| mesh.is_degenerate(f)).count(),
             faces_against_normals: (0..mesh.faces.len() as u32).filter(|&f| mesh.is_against_normals(f)).count(),
+            zero_normals: mesh.normals.as_ref().map_or(0, |n| n.iter().filter(|n| **n == DVec3::ZERO).count()),
             signed_volume: signed_volume(mesh),
         }
     }
@@ -139,7 +142,7 @@ impl Topology {
         (!parts.is_empty()).then(|| parts.join(", "))
     }
 
-    /// Faces and edges that no clean mesh has; `None` if there are none.
+    /// Faces, edges and normals that no clean mesh has; `None` if there are none.
     pub fn defects(&self) -> Option<String> {
         let mut parts = Vec::new();
         if self.degenerate_faces > 0 {
@@ -147,6 +150,9 @@ impl Topology {
         }
         if self.non_manifold_edges > 0 {
             parts.push(format!("{} edges with more than two faces", self.non_manifold_edges));
+        }
+        if self.zero_normals > 0 {
+            parts.push(format!("{} vertex normals of length 0", self.zero_normals));
         }
         (!parts.is_empty()).then(|| parts.join(", "))
     }

@@ -53,12 +53,12 @@ const ANY: u32 = u32::MAX;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Step {
     pub shape: u32,
-    /// [`ANY`] of a mesh shaded by vertex normals.
+    /// `u32::MAX` of a mesh shaded by vertex normals: any.
     pub face: u32,
     pub through: bool,
     /// Of what is curved: it is met from inside. Flat mirrors are met from either side by the same step.
     pub inside: bool,
-    /// Of a mesh shaded by vertex normals: the face's own normal turns the ray ([`turns`]).
+    /// Of a mesh shaded by vertex normals: the face's own normal turns the ray, where theirs lean too far.
     pub by_face: bool,
 }
 

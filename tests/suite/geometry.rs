@@ -181,6 +181,22 @@ fn open_glass_and_absurd_roughness_are_warned_of() {
         assert!(found[0].1.contains("hint: close the mesh"), "{found:?}");
     }
     assert!(warnings(open, r#"<bsdf type="diffuse"/>"#).is_empty());
+    // Vertex normals: outward, against the winding, of length 0.
+    let normals = |n: [&str; 4], faces: &str| {
+        let own = n.map(|n| format!("vn {n}\n")).concat();
+        let shaded = faces.replace("1", "1//1").replace(" 2", " 2//2").replace(" 3", " 3//3").replace(" 4", " 4//4");
+        warnings(&(own + &shaded), glass)
+    };
+    let outward = ["-1 -1 -1", "1 -0.3 -0.3", "-0.3 1 -0.3", "-0.3 -0.3 1"];
+    let inward = ["1 1 1", "-1 0.3 0.3", "0.3 -1 0.3", "0.3 0.3 -1"];
+    assert!(normals(outward, closed).is_empty());
+    let found = normals(inward, closed);
+    assert!(
+        found.len() == 1 && found[0].1.contains("4 of its faces are wound against their vertex normals"),
+        "{found:?}"
+    );
+    let found = normals(["0 0 0", outward[1], outward[2], outward[3]], closed);
+    assert!(found.len() == 1 && found[0].1.contains("1 vertex normals of length 0"), "{found:?}");
     let metal = |alpha: f64| {
         warnings(closed, &format!(r#"<bsdf type="roughconductor"><float name="alpha" value="{alpha}"/></bsdf>"#))
     };
