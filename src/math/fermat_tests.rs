@@ -247,7 +247,7 @@ fn finds_the_rays_it_is_given() {
         };
         let hulls: Vec<_> = crossings.iter().zip(&planes).map(|(c, f)| around(*c, f.n)).collect();
         let hulls: Vec<&[DVec3]> = hulls.iter().map(|h| &h[..]).collect();
-        // Elsewhere there is nothing, which is mostly seen at once.
+        // Elsewhere there is nothing, which is seen at once two times in three; at other times the way found is for others to refuse.
         let (a, _) = warp::frame(planes[0].n);
         let elsewhere = around(crossings[0] + a, planes[0].n);
         let others: Vec<&[DVec3]> =
@@ -258,7 +258,7 @@ fn finds_the_rays_it_is_given() {
         assert!((d - w).length() < 1e-7, "{planes:?}: {d} {w}");
         found += usize::from(planes.len() > 1);
     }
-    assert!(found > 1500 && mirrors > 500 && 2 * missed > tried, "{found} {mirrors} {missed} of {tried}");
+    assert!(found > 1500 && mirrors > 500 && 5 * missed > 3 * tried, "{found} {mirrors} {missed} of {tried}");
 }
 
 fn flat(p: DVec3, n: DVec3) -> DVec3 {

@@ -108,9 +108,12 @@ fn smooth_meshes(dir: &std::path::Path, n: usize) -> [String; 3] {
     [of("ball.obj", &format!("{GLASS}{MILK}")), of("glass.obj", GLASS), of("metal.obj", metal) + blind]
 }
 
-/// The camera of [`caustic`] under what would show it the lamp itself.
-fn from_below(text: &str) -> String {
-    text.replace(r#"origin="-3, 2.5, 0""#, r#"origin="-2.2, 0.2, 0""#)
+/// The camera of [`caustic`] elsewhere: under what would show it the lamp itself.
+fn seen(text: &str, origin: &str, target: &str) -> String {
+    let moved =
+        text.replace(r#"origin="-3, 2.5, 0" target="-0.5, -1, 0""#, &format!(r#"origin="{origin}" target="{target}""#));
+    assert_ne!(moved, text);
+    moved
 }
 
 /// Meshes shaded by vertex normals bend light by these, and paths from the other end see as much of it, however far they lean from the faces.
@@ -118,11 +121,19 @@ fn from_below(text: &str) -> String {
 fn vertex_normals_bend_light() {
     let dir = tempfile::tempdir().unwrap();
     let [ball, glass, metal] = smooth_meshes(dir.path(), 4);
-    let scenes = [(ball, false, 0.15, 0.08), (glass, true, 0.2, 0.03), (metal, true, 0.2, 0.06)];
-    for (k, (shapes, below, radius, limit)) in scenes.into_iter().enumerate() {
+    let below = ["-2.2, 0.2, 0", "-0.5, -1, 0"];
+    // Where the faces' own normals would send light that paths from there do not: normals lean too far for both.
+    let aside = ["3, 0.2, 0", "4.6, -1, 0"];
+    let scenes = [
+        (&ball, None, 0.15, 0.08, 1.3),
+        (&glass, Some(below), 0.2, 0.03, 1.3),
+        (&metal, Some(below), 0.2, 0.06, 1.3),
+        (&metal, Some(aside), 0.08, 0.06, 1.0),
+    ];
+    for (k, (shapes, camera, radius, limit, gain)) in scenes.into_iter().enumerate() {
         let of = |light: &str| {
-            let text = caustic(&shapes, light);
-            if below { from_below(&text) } else { text }
+            let text = caustic(shapes, light);
+            camera.map_or(text.clone(), |[origin, target]| seen(&text, origin, target))
         };
         let point = forward(&of(POINT), &[], 1 << 14)[0];
         let lamp = forward(&of(&lamp(radius)), &[], 1 << 18)[0];
@@ -139,7 +150,7 @@ fn vertex_normals_bend_light() {
         assert!(!scene.warnings.iter().any(|w| w.kind == WarningKind::LightBehindGlass), "{:?}", scene.warnings);
         scene.seeds.clear();
         let without = estimate(&run(&scene, 1 << 12, 3, Mode::Picture), 0);
-        assert!(point.value[1] > 1.3 * without.value[1], "{k} {point:?} {without:?}");
+        assert!(point.value[1] >= gain * without.value[1], "{k} {point:?} {without:?}");
     }
 }
 

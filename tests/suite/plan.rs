@@ -191,12 +191,23 @@ fn scenes_give_their_rows() {
         } else {
             let e = p.refuse().unwrap_err().to_string();
             assert!(e.contains("d/dx needs") && e.contains("not available yet") && e.contains("help:"), "{e}");
-            // The table names what the refusal names.
-            let named = e.split('`').nth(1).filter(|_| e.contains("plan.xml:"));
-            let told = |name: &str| p.lines.iter().any(|l| l.reason.contains(&format!("because of `{name}`")));
-            assert!(named.is_none_or(told), "{e} {:?}", p.lines);
         }
     }
+}
+
+/// The table names what the refusal names, its place and what to do.
+#[test]
+fn missing_terms_name_their_cause() {
+    let glass = r#"<shape type="cube"><bsdf type="dielectric"/></shape>"#;
+    let light = r#"<emitter type="point" id="bulb"><point name="position" x="$x" y="3" z="0"/></emitter>"#;
+    let p = plan(&format!("{CAMERA}{glass}{light}"), "x");
+    assert!(p.refuse().unwrap_err().to_string().contains("`bulb`"));
+    let told = |l: &tyndall::render::plan::PlanLine| {
+        l.decision == "missing"
+            && l.reason.contains("because of `bulb` (plan.xml:")
+            && l.reason.contains("use an area light")
+    };
+    assert!(p.lines.iter().any(told), "{:?}", p.lines);
 }
 
 #[test]
