@@ -74,7 +74,7 @@ fn smooth_mesh(path: &std::path::Path, vertices: &[([f64; 3], [f64; 3])], faces:
     std::fs::write(path, file).unwrap();
 }
 
-/// A ball of milk of 8 n² facets; a floor of glass whose normals lean by 50 degrees; a ceiling of metal whose normals lean, above a blind.
+/// A ball of milk of 8 n² facets; a sheet of glass whose normals lean by 30 degrees; a ceiling of metal whose normals lean, above a blind.
 fn smooth_meshes(dir: &std::path::Path, n: usize) -> [String; 3] {
     let of = |name: &str, rest: &str| {
         format!(r#"<shape type="obj"><string name="filename" value="{}"/>{rest}</shape>"#, dir.join(name).display())
@@ -99,7 +99,7 @@ fn smooth_meshes(dir: &std::path::Path, n: usize) -> [String; 3] {
     let quad = |y: f64, n: fn(f64, f64) -> [f64; 3]| {
         [[-3.0, -3.0], [-3.0, 3.0], [3.0, 3.0], [3.0, -3.0]].map(|[x, z]| ([x, y, z], n(x, z)))
     };
-    let above = quad(0.6, |x, z| [-1.2 + 0.1 * x, 1.0, 0.08 * z - 0.2]);
+    let above = quad(0.6, |x, z| [-0.58 + 0.03 * x, 1.0, 0.03 * z]);
     smooth_mesh(&dir.join("glass.obj"), &above, &[[0, 1, 2], [0, 2, 3]]);
     let below = quad(4.0, |x, z| [0.72 + 0.03 * x, -1.0, 0.02 * z]);
     smooth_mesh(&dir.join("metal.obj"), &below, &[[0, 2, 1], [0, 3, 2]]);
