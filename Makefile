@@ -1,6 +1,6 @@
 # The commands of the README. Each installs what it needs (scripts/setup.sh), then builds and runs.
 
-.PHONY: all setup build demo figures test lint unit embree4 docs stress bench install clean
+.PHONY: all setup build demo figures test lint unit embree4 docs stress bench bench-peer install clean
 
 # A build from nothing is quicker, and its code faster, without what later builds could use again.
 ifdef CI
@@ -49,6 +49,13 @@ stress: build
 bench: build
 	cargo bench --bench grid
 	benches/run.sh
+
+# Beside Mitsuba, with a Python that has it: make bench-peer PEER=venv/bin/python (benches/peer/README.md).
+PEER ?= python3
+bench-peer: build
+	$(PEER) benches/peer/efficiency.py fog fire room glass
+	$(PEER) benches/peer/cloud.py
+	$(PEER) benches/peer/cloud.py --spp 64
 
 install: setup
 	cargo install --path . --locked

@@ -8,10 +8,12 @@ largest thousandth: gradients have heavy tails). CPU seconds are user time, thei
 `grad --wrt cloud.sigma_t.grid --adjoint`, theirs `prbvolpath.render_backward`, both with the adjoint 1/(3 pixels).
 """
 import argparse
+import json
 import os
 import re
 import resource
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -24,6 +26,24 @@ import assets  # noqa: E402
 import ours  # noqa: E402
 
 CORE = 0
+# What a program of theirs takes alone, for its memory: the picture, or the gradient.
+ALONE = """
+import sys, numpy as np, mitsuba as mi, resource, drjit as dr
+mi.set_variant("llvm_ad_rgb")
+scene = mi.load_file(sys.argv[1])
+spp, side = int(sys.argv[2]), int(sys.argv[3])
+if side:
+    params = mi.traverse(scene)
+    key = next(k for k in params.keys() if k.endswith("sigma_t.data"))
+    dr.enable_grad(params[key])
+    params.update()
+    h, w = scene.sensors()[0].film().size()[1], scene.sensors()[0].film().size()[0]
+    mi.load_dict({"type": "prbvolpath", "max_depth": 128}).render_backward(scene, params, mi.TensorXf(np.full((h, w, 3), 1.0, dtype=np.float32)), sensor=0, seed=1, spp=spp)
+    np.array(dr.grad(params[key]))
+else:
+    np.array(mi.render(scene, spp=spp, seed=1))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
 FOLDER = ours.ROOT / "scenes/cloud"
 READ = """
 import sys, numpy as np, pyopenvdb as vdb
@@ -87,6 +107,12 @@ def compare(what, a, b, a_cpu, b_cpu, asked):
           f"{vb.mean():.3g}; efficiency ours/theirs {ratio(np.mean):.2f} (median {ratio(np.median):.2f}, trimmed {ratio(trimmed):.2f}; asked {asked})", flush=True)
 
 
+def memory(scene, spp, gradient):
+    """Megabytes at the peak of a process of theirs."""
+    command = [sys.executable, "-c", ALONE, str(scene), str(spp), str(int(gradient))]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()[-1]) / 1024
+
+
 def main():
     o = argparse.ArgumentParser()
     o.add_argument("--seeds", type=int, default=8)
@@ -143,6 +169,12 @@ def main():
     show = lambda x: f"{x.mean():.5g} +- {x.std(ddof=1) / len(x) ** 0.5:.2g}"
     print(f"gradient x density, summed: ours {show(by_log[0])}, theirs {show(by_log[1])}", flush=True)
     compare(f"gradient by {active.sum()} voxels", np.array(a), np.array(b), ac / o.seeds, bc / o.seeds, "6")
+    report = subprocess.run([ours.TYNDALL, "grad", str(mine), "--wrt", "cloud.sigma_t.grid", "--adjoint", str(adjoint), "--spp", str(o.spp), "-t", "1",
+                             "-o", str(assets.OUT / "cloud_g.vdb"), "--overwrite", "--json", "--progress", "none"], capture_output=True, text=True, check=True).stdout
+    own = [run(o.spp, 1).memory / 2**20, json.loads(report)["peak_memory_bytes"] / 2**20]
+    peer = [memory(theirs, o.spp, gradient) for gradient in (False, True)]
+    show = lambda k: f"ours {own[k]:.0f} MB, theirs {peer[k]:.0f} MB ({own[k] / peer[k]:.2f})"
+    print(f"peak memory (asked 0.5 at most): picture {show(0)}; gradient {show(1)}", flush=True)
     print(f"reverse mode over the picture, ours: {ac / o.seeds / picture_cpu:.2f} (asked 3.5 at most); theirs has the compiled picture's time in its own")
 
 

@@ -91,6 +91,22 @@ impl Pencil {
         Pencil { center, radius, cone, sin_cos: cone.angle.sin_cos() }
     }
 
+    /// One that holds all rays of some.
+    pub fn around(some: impl Iterator<Item = Pencil> + Clone) -> Self {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        some.clone().for_each(|p| (low, high) = (low.min(p.center), high.max(p.center)));
+        let center = 0.5 * (low + high);
+        let radius = some.clone().map(|p| (p.center - center).length() + p.radius).fold(0.0, f64::max);
+        let cone = match some.clone().map(|p| p.cone.axis).sum::<DVec3>().try_normalize() {
+            Some(axis) => {
+                let angle = some.map(|p| between(axis, p.cone.axis) + p.cone.angle).fold(0.0, f64::max);
+                Cone { axis, angle: (angle + SLACK).min(PI) }
+            }
+            None => Cone::ALL,
+        };
+        Pencil::new(center, radius, cone)
+    }
+
     /// Whether any of its rays may meet a ball.
     pub fn reaches(&self, center: DVec3, radius: f64) -> bool {
         let (v, r) = (center - self.center, (self.radius + radius) * (1.0 + SLACK));

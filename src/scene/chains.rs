@@ -31,7 +31,7 @@ const ASKED: f64 = 1000.0;
 const WAITING: usize = 1 << 20;
 const FACES: usize = 1 << 20;
 /// Reflections at glass are asked for so often each: they bring a few per cent, total ones all, but few of very many reach a vertex.
-const REFLECTED: f64 = 0.25;
+const REFLECTED: f64 = 0.1;
 const TOTAL: f64 = 0.5;
 /// Of angles, and of lengths over the scene's radius, for rounding.
 const SLACK: f64 = 1e-9;
@@ -438,8 +438,8 @@ impl Scene {
             search.all(id, from, longest, 1.0 / sources.len() as f64);
         }
         let Search { mut found, pencils, .. } = search;
-        let asked = found.list.iter().map(|c| c.asked).collect();
-        found.reach = Reach::new(pencils, asked, &self.bounds);
+        let asked: Vec<f64> = found.list.iter().map(|c| c.asked).collect();
+        found.reach = Reach::new(pencils, &asked);
         found.long &= self.settings.max_depth as usize > MOST + 2;
         self.chains = found;
     }

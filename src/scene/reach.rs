@@ -1,99 +1,138 @@
-//! Which pencils reach a point: a box divided into eight parts, again and again, where anything is asked for. Each part knows the pencils that reach the ball around it, so that a question goes down to a short list.
-//! What a part knows does not depend on who asks first. Pencils that are asked for now and then are in the order of how often, so that those between two of them cost nothing.
+//! Which pencils reach a point: trees of pencils, each node with one that holds all below it. Pencils that are asked for equally often are a tree, and those between two that are asked for cost nothing.
 
 use crate::math::DVec3;
 use crate::math::pencil::Pencil;
-use crate::shape::Bounds;
-use std::sync::OnceLock;
 
-/// Parts that so few pencils reach are not divided, nor smaller ones than so much of the pencils' mean radius.
-const FEW: usize = 16;
-const FINE: f64 = 0.5;
-const DEEP: u32 = 8;
-/// Nor those whose parts would know as much, on average.
-const SHORTER: f64 = 0.7;
-/// The box, over the radius of the scene.
-const BOX: f64 = 4.0;
+/// So many pencils of a leaf are asked for on average, at most.
+const LEAF: f64 = 4.0;
 
-#[derive(Debug, Default)]
-struct Part {
-    reached_by: Vec<u32>,
-    /// None where that brings nothing.
-    parts: OnceLock<Option<Box<[Part; 8]>>>,
+#[derive(Debug)]
+struct Node {
+    bound: Pencil,
+    /// Behind the last one of its pencils in the order, and behind all nodes below it.
+    last: u32,
+    next: u32,
+    is_leaf: bool,
 }
 
 /// Pencils, and where they go.
 #[derive(Debug, Default)]
 pub struct Reach {
-    pencils: Vec<Pencil>,
-    /// How often each is asked for.
-    asked: Vec<f64>,
-    center: DVec3,
-    half: f64,
-    fine: f64,
-    root: Part,
+    /// With their numbers, in the order of the trees.
+    pencils: Vec<(u32, Pencil)>,
+    /// Of each tree how often its pencils are asked for, and the first of them.
+    trees: Vec<(f64, u32)>,
+    /// Of all trees, children behind their parents.
+    nodes: Vec<Node>,
 }
 
 impl Reach {
-    pub fn new(pencils: Vec<Pencil>, asked: Vec<f64>, scene: &Bounds) -> Self {
-        let (center, half) = (scene.center(), BOX * scene.radius());
-        let fine = FINE * pencils.iter().map(|p| p.radius).sum::<f64>() / pencils.len().max(1) as f64;
-        let mut all: Vec<u32> = (0..pencils.len() as u32).collect();
-        all.sort_by(|&a, &b| asked[b as usize].total_cmp(&asked[a as usize]));
-        let root = Part { reached_by: all, parts: OnceLock::new() };
-        Reach { pencils, asked, center, half, fine, root }
+    /// `asked`: how often each is asked for.
+    pub fn new(pencils: Vec<Pencil>, asked: &[f64]) -> Self {
+        let mut all: Vec<(u32, Pencil)> = (0..).zip(pencils).collect();
+        let often = |p: &(u32, Pencil)| asked[p.0 as usize];
+        all.sort_by(|a, b| often(b).total_cmp(&often(a)));
+        let (low, high) = extent(all.iter().map(|p| p.1.center));
+        let size = (high - low).max_element();
+        let mut reach = Reach::default();
+        for equal in all.chunk_by_mut(|a, b| often(a) == often(b)) {
+            let q = often(&equal[0]);
+            reach.trees.push((q, reach.pencils.len() as u32));
+            reach.grow(equal, size, (LEAF / q) as usize);
+        }
+        reach
+    }
+
+    fn grow(&mut self, some: &mut [(u32, Pencil)], size: f64, leaf: usize) {
+        let at = self.nodes.len();
+        let is_leaf = some.len() <= leaf;
+        let last = (self.pencils.len() + some.len()) as u32;
+        self.nodes.push(Node { bound: Pencil::around(some.iter().map(|p| p.1)), last, next: at as u32 + 1, is_leaf });
+        if is_leaf {
+            self.pencils.extend_from_slice(some);
+            return;
+        }
+        // By place or by direction, whichever varies more.
+        let places = extent(some.iter().map(|p| p.1.center));
+        let axes = extent(some.iter().map(|p| p.1.cone.axis));
+        let (place, axis) = ((places.1 - places.0) / size, axes.1 - axes.0);
+        let by_place = place.max_element() > axis.max_element();
+        let k = if by_place { place } else { axis }.max_position();
+        let key = |p: &(u32, Pencil)| if by_place { p.1.center[k] } else { p.1.cone.axis[k] };
+        let half = some.len() / 2;
+        some.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.0.cmp(&b.0)));
+        let (a, b) = some.split_at_mut(half);
+        self.grow(a, size, leaf);
+        self.grow(b, size, leaf);
+        self.nodes[at].next = self.nodes.len() as u32;
     }
 
     /// Pencils that reach x, each with the probability with which it is asked for, and their numbers.
     pub fn draw(&self, x: DVec3, mut uniform: impl FnMut() -> f64, mut found: impl FnMut(u32, &Pencil)) {
-        let list = &self.near(x).reached_by;
-        let mut visit = |k: usize| {
-            let (i, p) = (list[k], &self.pencils[list[k] as usize]);
-            if p.reaches(x, 0.0) {
-                found(i, p);
-            }
-        };
-        let mut first = 0;
-        while let Some(&i) = list.get(first) {
-            let q = self.asked[i as usize];
-            let end = first + list[first..].partition_point(|&k| self.asked[k as usize] >= q);
-            if q >= 1.0 {
-                (first..end).for_each(&mut visit);
-            } else {
-                // So many are passed over, geometrically distributed.
-                let rate = (-q).ln_1p();
-                let mut skip = || ((-uniform()).ln_1p() / rate).min(1e9) as usize;
-                let mut k = first + skip();
-                while k < end {
-                    visit(k);
+        let mut at = 0;
+        for (t, &(q, first)) in self.trees.iter().enumerate() {
+            let end = self.trees.get(t + 1).map_or(self.pencils.len(), |next| next.1 as usize);
+            let rate = (-q).ln_1p();
+            // So many are passed over, geometrically distributed.
+            let mut skip = || if q >= 1.0 { 0 } else { ((-uniform()).ln_1p() / rate).min(1e9) as usize };
+            // The next one that is asked for, if it is found to reach.
+            let mut k = first as usize + skip();
+            while let Some(node) = self.nodes.get(at).filter(|n| n.last as usize <= end) {
+                let last = node.last as usize;
+                if k < last && !node.bound.reaches(x, 0.0) {
+                    k = last + skip();
+                }
+                at = if k < last { at + 1 } else { node.next as usize };
+                while node.is_leaf && k < last {
+                    let (id, pencil) = &self.pencils[k];
+                    if pencil.reaches(x, 0.0) {
+                        found(*id, pencil);
+                    }
                     k += 1 + skip();
                 }
             }
-            first = end;
         }
     }
+}
 
-    /// The smallest part around x that is known.
-    fn near(&self, x: DVec3) -> &Part {
-        let (mut at, mut center, mut half) = (&self.root, self.center, self.half);
-        // Outside nothing is known beforehand.
-        let mut left = if (x - center).abs().max_element() > half { 0 } else { DEEP };
-        while left > 0 && at.reached_by.len() > FEW && half > self.fine {
-            let side = |k: usize, axis: usize| if k >> axis & 1 == 0 { -0.5 * half } else { 0.5 * half };
-            let offset = |k: usize| DVec3::new(side(k, 0), side(k, 1), side(k, 2));
-            let parts = at.parts.get_or_init(|| {
-                let parts: [Part; 8] = std::array::from_fn(|k| {
-                    let (c, r) = (center + offset(k), 0.5 * half * 3f64.sqrt());
-                    let reaches = |i: &u32| self.pencils[*i as usize].reaches(c, r);
-                    Part { reached_by: at.reached_by.iter().copied().filter(reaches).collect(), parts: OnceLock::new() }
-                });
-                let known = parts.iter().map(|p| p.reached_by.len()).sum::<usize>() as f64;
-                (known < SHORTER * 8.0 * at.reached_by.len() as f64).then(|| Box::new(parts))
-            });
-            let Some(parts) = parts else { break };
-            let k = (0..3).map(|axis| usize::from(x[axis] > center[axis]) << axis).sum();
-            (at, center, half, left) = (&parts[k], center + offset(k), 0.5 * half, left - 1);
+fn extent(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
+    points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::pencil::Cone;
+    use crate::math::rng::{Purpose, Rng};
+    use crate::math::warp;
+
+    /// All that reach a point are found, as often as they are asked for, and no others.
+    #[test]
+    fn pencils_are_found_as_often_as_they_are_asked_for() {
+        let mut rng = Rng::keyed(3, Purpose::Motion as u64, 0, 0);
+        let direction = |rng: &mut Rng| warp::sphere(rng.uniform(), rng.uniform());
+        let pencils: Vec<Pencil> = (0..300)
+            .map(|_| {
+                let (center, axis) = (direction(&mut rng) * rng.uniform(), direction(&mut rng));
+                Pencil::new(center, 0.1 * rng.uniform(), Cone { axis, angle: 1.5 * rng.uniform().powi(2) })
+            })
+            .collect();
+        let asked: Vec<f64> = (0..300).map(|k| [1.0, 0.25, 0.5, 0.125][k % 4]).collect();
+        let reach = Reach::new(pencils.clone(), &asked);
+        let (mut some, n) = (0, 4000);
+        for _ in 0..8 {
+            let x = direction(&mut rng) * 2.0;
+            let mut times = vec![0; pencils.len()];
+            for _ in 0..n {
+                reach.draw(x, || rng.uniform(), |id, _| times[id as usize] += 1);
+            }
+            for ((p, &q), &times) in pencils.iter().zip(&asked).zip(&times) {
+                let expected = if p.reaches(x, 0.0) { q * n as f64 } else { 0.0 };
+                some += usize::from(expected > 0.0);
+                assert!((times as f64 - expected).abs() <= 5.0 * (expected * (1.0 - q)).sqrt(), "{times} {expected}");
+            }
         }
-        at
+        assert!(some > 100);
+        Reach::default().draw(DVec3::ZERO, || 0.5, |_, _| panic!("there is none"));
     }
 }

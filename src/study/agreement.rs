@@ -1,7 +1,7 @@
 //! Whether two estimates with error bars agree: z scores of many places, the largest of them, and their sum of squares.
 //!
 //! z = (a - b) / sqrt(var_a + var_b + bias^2). Where differences are 0 without any variance though the derivative is not, their samples may have met nothing yet: light beside an outline in
-//! the tail of a pixel's filter. They count as uncertain by what that many samples can miss ([`unmet`]), so that only more of them tell. The variances come from few rounds, so z follows Student's distribution; it is
+//! the tail of a pixel's filter. They count as uncertain by what that many samples can miss ([`leeway`]), so that only more of them tell. The variances come from few rounds, so z follows Student's distribution; it is
 //! turned into a normal score of the same tail, of which the largest of n exceeds its threshold with probability
 //! [`ALPHA`] (Sidak), and the sum of squares of each channel its own (chi square), if the two agree.
 
@@ -44,10 +44,16 @@ pub struct Agreement {
 /// Of an event that one in n samples meets, samples have met none with the probability exp(-their number / n): three of them are one standard error, and a threshold of 5.4 is 1e-7.
 const MISSED: f64 = 3.0;
 
-/// What each place of differences b may have missed, beside `bias`: where it is exactly 0 and a is not. `event`: what one sample can be, over the difference's step; `samples` of each place.
-pub fn unmet(a: &Rounds, b: &Rounds, bias: &[f64], event: f64, samples: impl Fn(usize) -> f64) -> Vec<f64> {
-    let missed = |i: usize| b.mean[i] == 0.0 && b.variance(i) == 0.0 && a.mean[i] != 0.0;
-    let more = |i: usize| if missed(i) { MISSED * event / samples(i / 3) } else { 0.0 };
+/// Rounding of sums, over the largest of what is added up: all that two sides without variance (what glows evenly) can differ by.
+const ROUNDING: f64 = 1e-12;
+
+/// What each place of differences b is uncertain by beside its variance and `bias`: by what it may have missed, where it is exactly 0 and a is not, and by rounding. `event`: what one sample can be, over the difference's step; `samples` of each place.
+pub fn leeway(a: &Rounds, b: &Rounds, bias: &[f64], event: f64, samples: impl Fn(usize) -> f64) -> Vec<f64> {
+    let more = |i: usize| match (a.mean[i] == 0.0, b.mean[i] == 0.0) {
+        (true, true) => 0.0,
+        (false, true) if b.variance(i) == 0.0 => MISSED * event / samples(i / 3),
+        _ => ROUNDING * event,
+    };
     bias.iter().enumerate().map(|(i, b)| b.hypot(more(i))).collect()
 }
 
@@ -159,11 +165,11 @@ mod tests {
         let mut none = Rounds::default();
         (0..32).for_each(|_| none.push(&[0.0; 12], 1.0));
         let a = noise(4, 32, 1.2, 3);
-        let with = |samples: f64| Agreement::new(&a, &none, &unmet(&a, &none, &[0.0; 12], 1.0, |_| samples), 0.02);
+        let with = |samples: f64| Agreement::new(&a, &none, &leeway(&a, &none, &[0.0; 12], 1.0, |_| samples), 0.02);
         assert!(Agreement::new(&a, &none, &[0.0; 12], 0.02).significant);
         assert!(!with(4.0).significant && with(4.0).fail == 0, "{:?}", with(4.0));
         assert!(with(1e4).significant);
-        assert_eq!(unmet(&none, &none, &[0.0; 12], 1.0, |_| 1.0), [0.0; 12]);
+        assert_eq!(leeway(&none, &none, &[0.0; 12], 1.0, |_| 1.0), [0.0; 12]);
     }
 
     #[test]

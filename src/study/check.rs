@@ -5,14 +5,14 @@
 //! estimated and counted as error.
 //!
 //! Rounds of both estimators, with seeds of their own, are compared over blocks (the verdict) and over pixels (counts).
-//! Samples are doubled where the error is larger (or grow by what is still needed, or by what the time allows) until the comparison is sharp enough or disagreement is certain:
+//! Samples are doubled where that takes off most for what it costs (or grow by what is still needed, or by what the time allows) until the comparison is sharp enough or disagreement is certain:
 //!
 //! - fail: significant over blocks ([`Agreement`]), at two numbers of samples in a row or at the last;
 //! - pass: not significant, and the combined standard error of blocks, step bias included, is on average at most the tolerance times
 //!   mean |d| over blocks; also where both are exactly 0;
 //! - undecided: time or samples were over before.
 
-use super::agreement::{Agreement, scores, unmet};
+use super::agreement::{Agreement, leeway, scores};
 use super::differences::{At, Bias, Difference, Side};
 use super::interval::{Interval, LONGER, STRATA, widest};
 use super::rounds::{Blocks, Rounds, mean};
@@ -30,6 +30,8 @@ const ROUNDS: u64 = 32;
 const SMALLER: f64 = 0.7;
 /// Error over tolerance that samples are asked for; a little less than needed, since errors are estimates.
 const AIM: f64 = 0.97;
+/// What a sample of the derivative is taken to cost, in pictures: counted, so that a check is the same in every run.
+const COST: f64 = 3.0;
 /// Share of its samples by which a side grows at least: every look is one more chance of a false alarm.
 const LEAST_SHARE: f64 = 0.125;
 /// So often an interval is halved at most, because a place of it is refused.
@@ -358,7 +360,7 @@ impl Bench<'_> {
             let bias = mean(biases.iter().map(|b| b.abs()));
             let (a, b, spp) = (&ours.blocks[layer], &theirs.blocks[0], theirs.spp());
             let sizes = self.blocks.sizes();
-            let doubts = unmet(a, b, &biases, event, |k| spp * sizes[k]);
+            let doubts = leeway(a, b, &biases, event, |k| spp * sizes[k]);
             let blocks = Agreement::new(a, b, &doubts, o.tolerance);
             let errors = [ours.blocks[layer].mean_error(), theirs.blocks[0].mean_error()];
             say(format!(
@@ -373,7 +375,8 @@ impl Bench<'_> {
             let certain = blocks.significant && *suspicious;
             // An unexpected difference wants a second look at twice the samples.
             let goal = if blocks.significant { 0.0 } else { AIM * o.tolerance * blocks.mean_abs / blocks.error };
-            let next = self.next(errors, goal, ours, theirs, deadline);
+            let costs = [COST * ours.spp(), difference.pictures() as f64 * spp];
+            let next = self.next(errors, costs, goal, [&*ours, &*theirs], deadline);
             let verdict = match (certain, sharp && !blocks.significant, next) {
                 (true, ..) => Some(Verdict::Fail),
                 (_, true, _) => Some(Verdict::Pass),
@@ -383,7 +386,7 @@ impl Bench<'_> {
             };
             if let Some(verdict) = verdict {
                 let (a, b) = (&ours.pixels[layer], &theirs.pixels[0]);
-                let doubts = unmet(a, b, &theirs.biases(|s| &s.pixels), event, |_| spp);
+                let doubts = leeway(a, b, &theirs.biases(|s| &s.pixels), event, |_| spp);
                 *seconds += start.elapsed().as_secs_f64();
                 return Ok(ParameterCheck {
                     name: name.into(),
@@ -451,12 +454,21 @@ impl Bench<'_> {
         side.grow(&self.blocks, self.first, share, run)
     }
 
-    /// By what share of its samples each side is to grow: the noisier one, both where they are alike, to twice as many, or to what brings the error to `goal` of what it is;
-    /// `None` where time or samples do not suffice.
-    fn next(&self, [a, b]: [f64; 2], goal: f64, ours: &Stock, theirs: &Stock, deadline: Instant) -> Option<[f64; 2]> {
+    /// By what share of its samples each side is to grow: the one whose next sample takes off more variance for what it costs, both where they are alike,
+    /// to twice as many, or to what brings the error to `goal` of what it is; `None` where time or samples do not suffice.
+    fn next(
+        &self,
+        errors: [f64; 2],
+        costs: [f64; 2],
+        goal: f64,
+        sides: [&Stock; 2],
+        deadline: Instant,
+    ) -> Option<[f64; 2]> {
+        // A variance v that took the cost c falls by v/c with the next unit.
+        let [a, b] = [0, 1].map(|i| errors[i] * errors[i] / costs[i]);
         let grow = [a >= 0.5 * b, b >= 0.5 * a].map(|g| f64::from(u8::from(g)));
         let (mut noise, mut rest, mut seconds, mut most) = (0.0, 0.0, 0.0, 1.0f64);
-        for ((grows, error), side) in grow.iter().zip([a, b]).zip([ours, theirs]) {
+        for ((grows, error), side) in grow.iter().zip(errors).zip(sides) {
             if *grows > 0.0 {
                 most = most.min(self.options.max_spp as f64 / side.spp() - 1.0);
                 seconds += side.seconds;

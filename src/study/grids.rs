@@ -2,7 +2,7 @@
 //!
 //! Densities depend on z alone: one row of nodes, written to a temporary `.vol`, in the cube of [`slab`](super::slab). `T` is the
 //! camera line, `T_shadow` the same by a shadow ray (both deterministic), `T_diff` the mean over cosine-weighted directions, walked by delta
-//! tracking: `2 E_3(tau)`. Single voxels are no slots yet, so derivatives are with respect to the medium's scale: a combination of the
+//! tracking: `2 E_3(tau)`. Most derivatives are with respect to the medium's scale: a combination of the
 //! table's derivatives.
 
 use super::measure::Subject;
@@ -255,7 +255,12 @@ pub fn all_zero(b: &mut Bench) -> Result<()> {
             b.judge(&format!("{name}:d_scale {label}"), &m, 1, check(0.0));
         }
     }
-    b.not_yet("d_voxels", "no scene of this suite yet: gradients by voxel are tested in tests/suite/voxels.rs");
+    // What absorbs only, of the thickness 1 and the scale 1: all voxels together take 1 of T = 1, those around the ray their parts.
+    let s = Subject::new(&Slab::new(1.0, 0.0, 0.0).text_with(View::T(1.0), &zeros), &[])?;
+    let (gradient, params) = s.voxels("fog.sigma_t.grid")?;
+    let own = &gradient[params.arrays[0].range()];
+    let met = own.iter().filter(|&&x| x < 0.0).count();
+    b.exact("T_1:d_voxels", own.iter().sum(), -1.0, 1e-9, &format!("{met} of {} voxels on the ray", own.len()));
     Ok(())
 }
 

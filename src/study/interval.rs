@@ -6,7 +6,7 @@
 //! (a light that comes through a wall). Wide intervals have little noise (paths that take another turn at the other end count like 1/h), and the derivative is tried at many values instead of one.
 //!
 //! Places are stratified, S a round. What İ itself varies by over the interval adds to a round's variance like 1/S² where İ jumps in one stratum, faster where it does not; so S grows like the root of
-//! a round's samples, as fast as their own variance falls. From round to round the places of a stratum go on evenly from a random one, so that what happens in a small part of the interval only (an outline
+//! a round's samples, as fast as their own variance falls. Places of neighbouring strata mirror each other, so that only curvature is left where İ is smooth. From round to round the places of a stratum go on evenly from a random one, so that what happens in a small part of the interval only (an outline
 //! that passes one pixel) is met as often as it should be; variances count rounds as independent, which even places spread less than unless İ repeats itself as they do.
 
 use super::check::Estimator;
@@ -31,6 +31,13 @@ const ROUNDS: u64 = 8;
 const STEPS: i32 = 8;
 /// The step taken is the smallest whose relative noise is at most this times the least.
 const NEAR: f64 = 1.25;
+
+/// By how much the derivative's mean over the outer halves of an interval may differ from that over the inner ones, as a share of its mean: places would be noise (the light of a
+/// body of 450 to 1050 kelvin is that of the hottest few).
+const UNEVEN: f64 = 0.5;
+
+/// Standard errors, of four pairs of rounds, that make sure of it: 1 in 20.
+const CERTAIN: f64 = 2.4;
 
 /// The parameter of one comparison, and half of its interval's length.
 #[derive(Clone, Copy)]
@@ -59,8 +66,10 @@ impl Interval<'_> {
         let strata = strata.min(spp).max(1);
         let mut shifts = Rng::keyed(stream(seed, 4, 0), 0, 0, 0);
         let mut sums: Vec<Vec<f64>> = Vec::new();
+        let mut within = 0.0;
         for s in 0..strata {
-            let within = (shifts.uniform() + round as f64 * GOLDEN).fract();
+            // Neighbours mirror each other: what İ varies by evenly cancels.
+            within = if s % 2 == 1 { 1.0 - within } else { (shifts.uniform() + round as f64 * GOLDEN).fract() };
             let share = (s as f64 + within) / strata as f64;
             // What does not divide goes to the first ones.
             let spp = spp / strata + u64::from(s < spp % strata);
@@ -112,7 +121,7 @@ impl Interval<'_> {
     }
 }
 
-/// The smallest step whose difference has about as little noise for its size as any; `None` where scene or derivative take no interval around the value.
+/// The smallest step whose difference has about as little noise for its size as any, of those over whose interval the derivative does not vary too much; `None` where scene or derivative take no interval around the value.
 pub fn widest(
     at: &At,
     view: &View,
@@ -133,23 +142,45 @@ pub fn widest(
     let mut rungs: Vec<Rung> = Vec::new();
     let mut relative = Vec::new();
     let mut noise = 0.0f64;
+    let (mut wider, mut first_even) = (None::<Vec<Vec<f64>>>, 0);
     for k in 0..STEPS {
         let d = Difference::plain(at, side, first * 0.5f64.powi(k))?;
         let mut halves = [Rounds::default(), Rounds::default()];
+        let mut rounds = Vec::new();
         for r in 0..ROUNDS {
             let means = blocks.means(&d.round(view, spp, stream(seed, 3, r), h)?[0]);
             halves[(r % 2) as usize].push(&means, spp as f64);
+            rounds.push(means);
         }
         // Noise does not fall with the step: where it seems to, its rare part was not met.
         noise = noise.max((0.25 * halves.iter().map(Rounds::mean_variance).sum::<f64>()).sqrt());
         rungs.push(Rung { step: d.step, noise, bias: 0.0, visible_bias: 0.0, chosen: false });
+        if wider.is_some_and(|wider| uneven(&wider, &rounds)) {
+            relative.fill(f64::INFINITY);
+            first_even = k as usize;
+        }
         let square = surely(halves[0].mean.iter().zip(&halves[1].mean).map(|(a, b)| a * b));
         relative.push(if square > 0.0 { noise / square.sqrt() } else { f64::INFINITY });
+        wider = Some(rounds);
     }
     let least = relative.iter().copied().fold(f64::INFINITY, f64::min);
-    let chosen = relative.iter().rposition(|r| *r <= NEAR * least).filter(|_| least.is_finite()).unwrap_or(0);
+    let near = |r: &f64| least.is_finite() && *r <= NEAR * least;
+    let chosen = relative.iter().rposition(near).unwrap_or(first_even);
     rungs[chosen].chosen = true;
     Ok(Some((rungs[chosen].step, rungs)))
+}
+
+/// Whether the derivative surely varies too much over an interval, from the rounds of D over all of it and over its inner half (with the same random numbers).
+fn uneven(whole: &[Vec<f64>], inner: &[Vec<f64>]) -> bool {
+    let mut excess = Rounds::default();
+    for (w, d) in whole.chunks(2).zip(inner.chunks(2)) {
+        // D over the whole is the mean of D over the inner half and of what is outside: 2 (w - d) is their difference. Products of independent rounds have no bias.
+        let beyond = |r: usize, e: usize| 2.0 * (w[r][e] - d[r][e]);
+        let places = 0..w[0].len();
+        let one = |e: usize| beyond(0, e) * beyond(1, e) - UNEVEN * UNEVEN * w[0][e] * w[1][e];
+        excess.push(&[mean(places.map(one))], 1.0);
+    }
+    excess.mean[0] > CERTAIN * excess.variance(0).sqrt()
 }
 
 /// A mean over pixels less two of its standard errors: products of two independent estimates have no bias, but steps so small that noise is all they have would do well by chance.

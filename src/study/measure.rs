@@ -2,9 +2,11 @@
 //! integral, so mean, batches, variance of a path and the largest path are all at hand ([`Estimate`]).
 
 use crate::error::{Error, Result};
+use crate::math::Rgb;
 use crate::math::stats::{Moments, median};
 use crate::params::ParamSet;
 use crate::render::driver::{Job, Mode};
+use crate::render::family::View;
 use crate::render::health::Mishap;
 use crate::render::plan::Terms;
 use crate::scene::compile::LoadOptions;
@@ -52,6 +54,18 @@ impl Subject {
     fn param_set(&self, wrt: &[&str]) -> Result<ParamSet> {
         let names: Vec<String> = wrt.iter().map(|s| s.to_string()).collect();
         self.scene.param_set(&self.desc, &names)
+    }
+
+    /// The gradient of the mean over a row of the film by the voxels of a grid, in slots.
+    pub fn voxels(mut self, grid: &str) -> Result<(Vec<f64>, ParamSet)> {
+        let names = [grid.to_string()];
+        self.scene.open(&self.desc, &names)?;
+        let params = self.scene.param_set(&self.desc, &names)?;
+        let terms = ["all".to_string()];
+        let view = View { sensor: 0, crop: [0, 0, WIDTH, 1], terms: &terms, stop: None };
+        let adjoint = vec![Rgb::splat(1.0 / (3 * WIDTH) as f64); WIDTH];
+        let outcome = view.gradient(&self.scene, &params, &adjoint, 64, 1)?;
+        Ok((outcome.gradient.map(|g| g.0).unwrap_or_default(), params))
     }
 
     pub fn layers(&self) -> usize {

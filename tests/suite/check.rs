@@ -78,6 +78,49 @@ fn differences_are_means_over_their_interval() {
     assert!(p.interval.is_none() && p.step_bias > 0.0 && p.verdict != Verdict::Fail, "{:?}", p.blocks);
 }
 
+/// What glows evenly has no variance: sides that differ by the last bit of a sum agree, sides that differ by a part in a million do not.
+#[test]
+fn rounding_is_no_difference() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/emissive_slab/scene.xml");
+    let family = Family::text(&std::fs::read_to_string(&path).unwrap(), &path);
+    let terms = vec!["all".to_string()];
+    let view = View { sensor: 0, crop: [0, 0, 16, 16], terms: &terms, stop: None };
+    let ours = check::ours(view);
+    let names = ["le", "sigma_t", "albedo", "half"].map(String::from);
+    let run = |factor: f64| {
+        let scaled = |member: &_, params: &_, spp, seed, health: &_| {
+            let mut layers: Vec<Vec<f64>> = ours(member, params, spp, seed, health)?;
+            layers[1..].iter_mut().flatten().for_each(|x| *x *= factor);
+            Ok(layers)
+        };
+        let options = CheckOptions { seed: 5, max_time: Duration::from_secs(60), ..CheckOptions::default() };
+        check::check(&family, view, &names, &options, &scaled, &mut |s| println!("{s}"))
+            .unwrap_or_else(|e| panic!("{e}"))
+    };
+    for p in run(1.0).parameters {
+        assert_eq!((p.verdict, p.pixels.fail), (Verdict::Pass, 0), "{}: {:?}", p.name, p.blocks);
+    }
+    assert_eq!(run(1.0 + 1e-6).parameters[0].verdict, Verdict::Fail);
+}
+
+/// What glows at 1200 kelvin is 5e6 times as bright between 720 and 1680: over that interval places of the derivative would be noise. A narrower one is taken.
+#[test]
+fn intervals_end_where_the_derivative_gets_steep() {
+    let text = r#"<scene version="3.0.0"><default name="t" value="1200"/><integrator type="volpath"><integer name="max_depth" value="1"/></integrator>
+  <sensor type="orthographic"><film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/><rfilter type="box"/></film></sensor>
+  <medium type="homogeneous" id="glow"><float name="sigma_t" value="1"/><float name="albedo" value="0"/><float name="temperature" value="$t"/></medium>
+  <shape type="cube"><transform name="to_world"><translate z="2"/></transform><bsdf type="null"/><ref name="interior" id="glow"/></shape></scene>"#;
+    let family = Family::text(text, &Path::new(env!("CARGO_MANIFEST_DIR")).join("check.xml"));
+    let terms = vec!["all".to_string()];
+    let view = View { sensor: 0, crop: [0, 0, 16, 16], terms: &terms, stop: None };
+    let options = CheckOptions { seed: 5, max_time: Duration::from_secs(60), ..CheckOptions::default() };
+    let found = check::check(&family, view, &["t".to_string()], &options, &check::ours(view), &mut |s| println!("{s}"));
+    let p = &found.unwrap_or_else(|e| panic!("{e}")).parameters[0];
+    let [a, b] = p.interval.unwrap();
+    assert!(1200.0 - a <= 125.0 && b - 1200.0 <= 125.0, "{a} {b}");
+    assert_eq!(p.verdict, Verdict::Pass, "{:?}", p.blocks);
+}
+
 /// A ball over a floor: within the widest interval it would pass through it, which the derivative refuses. A narrower one is taken.
 #[test]
 fn intervals_end_before_what_is_refused() {
