@@ -38,7 +38,7 @@ impl Reach {
         for equal in all.chunk_by_mut(|a, b| often(a) == often(b)) {
             let q = often(&equal[0]);
             reach.trees.push((q, reach.pencils.len() as u32));
-            reach.grow(equal, size, (LEAF / q) as usize);
+            reach.grow(equal, size, (LEAF / q).max(1.0) as usize);
         }
         reach
     }

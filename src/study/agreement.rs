@@ -172,6 +172,23 @@ mod tests {
         assert_eq!(leeway(&none, &none, &[0.0; 12], 1.0, |_| 1.0), [0.0; 12]);
     }
 
+    /// Sides without variance agree but for rounding.
+    #[test]
+    fn last_bits_are_no_difference() {
+        let even = |x: f64| {
+            let mut r = Rounds::default();
+            (0..32).for_each(|_| r.push(&[x; 12], 1.0));
+            r
+        };
+        let is_significant = |a: &Rounds, b: &Rounds, more: &[f64]| Agreement::new(a, b, more, 0.02).significant;
+        let one = even(1.0);
+        for (other, expected) in [(even(1.0 + 1e-15), false), (even(1.0 + 1e-6), true)] {
+            assert!(is_significant(&one, &other, &[0.0; 12]));
+            let more = leeway(&one, &other, &[0.0; 12], 1.0, |_| 64.0);
+            assert_eq!(is_significant(&one, &other, &more), expected);
+        }
+    }
+
     #[test]
     fn thresholds_are_those_of_tables() {
         assert!((largest_score(1, 0.05) - 1.959_964).abs() < 1e-5);

@@ -466,7 +466,10 @@ impl Bench<'_> {
     ) -> Option<[f64; 2]> {
         // A variance v that took the cost c falls by v/c with the next unit.
         let [a, b] = [0, 1].map(|i| errors[i] * errors[i] / costs[i]);
-        let grow = [a >= 0.5 * b, b >= 0.5 * a].map(|g| f64::from(u8::from(g)));
+        let room = sides.map(|s| self.options.max_spp as f64 / s.spp() - 1.0 >= LEAST_SHARE);
+        // A second look is at both.
+        let worth = |x: f64, other: usize, y: f64| goal == 0.0 || x >= 0.5 * y || !room[other];
+        let grow = [room[0] && worth(a, 1, b), room[1] && worth(b, 0, a)].map(|g| f64::from(u8::from(g)));
         let (mut noise, mut rest, mut seconds, mut most) = (0.0, 0.0, 0.0, 1.0f64);
         for ((grows, error), side) in grow.iter().zip(errors).zip(sides) {
             if *grows > 0.0 {
@@ -481,6 +484,6 @@ impl Bench<'_> {
         let left = goal * goal * (noise + rest) - rest;
         let wanted = if left > 0.0 { (noise / left - 1.0).max(LEAST_SHARE) } else { 1.0 };
         most = most.min(deadline.saturating_duration_since(Instant::now()).as_secs_f64() / seconds);
-        (most >= LEAST_SHARE).then(|| grow.map(|g| g * wanted.min(most)))
+        (seconds > 0.0 && most >= LEAST_SHARE).then(|| grow.map(|g| g * wanted.min(most)))
     }
 }

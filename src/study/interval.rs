@@ -36,8 +36,8 @@ const NEAR: f64 = 1.25;
 /// body of 450 to 1050 kelvin is that of the hottest few).
 const UNEVEN: f64 = 0.5;
 
-/// Standard errors, of four pairs of rounds, that make sure of it: 1 in 20.
-const CERTAIN: f64 = 2.4;
+/// Standard errors, of four pairs of rounds, that make sure of it: 1 in 100.
+const CERTAIN: f64 = 4.5;
 
 /// The parameter of one comparison, and half of its interval's length.
 #[derive(Clone, Copy)]
@@ -152,19 +152,21 @@ pub fn widest(
             halves[(r % 2) as usize].push(&means, spp as f64);
             rounds.push(means);
         }
-        // Noise does not fall with the step: where it seems to, its rare part was not met.
-        noise = noise.max((0.25 * halves.iter().map(Rounds::mean_variance).sum::<f64>()).sqrt());
-        rungs.push(Rung { step: d.step, noise, bias: 0.0, visible_bias: 0.0, chosen: false });
+        let own = (0.25 * halves.iter().map(Rounds::mean_variance).sum::<f64>()).sqrt();
         if wider.is_some_and(|wider| uneven(&wider, &rounds)) {
             relative.fill(f64::INFINITY);
-            first_even = k as usize;
+            (first_even, noise) = (k as usize, 0.0);
         }
+        // Noise does not fall with the step: where it seems to, its rare part was not met.
+        noise = noise.max(own);
+        rungs.push(Rung { step: d.step, noise, bias: 0.0, visible_bias: 0.0, chosen: false });
         let square = surely(halves[0].mean.iter().zip(&halves[1].mean).map(|(a, b)| a * b));
         relative.push(if square > 0.0 { noise / square.sqrt() } else { f64::INFINITY });
         wider = Some(rounds);
     }
     let least = relative.iter().copied().fold(f64::INFINITY, f64::min);
-    let near = |r: &f64| least.is_finite() && *r <= NEAR * least;
+    // Where there is no noise at all the widest is as good.
+    let near = |r: &f64| least.is_finite() && least > 0.0 && *r <= NEAR * least;
     let chosen = relative.iter().rposition(near).unwrap_or(first_even);
     rungs[chosen].chosen = true;
     Ok(Some((rungs[chosen].step, rungs)))

@@ -11,6 +11,7 @@ use crate::light::Origin;
 use crate::math::fermat::{self, Eye, Onward, Planes};
 use crate::math::fold::{self, Fold};
 use crate::math::fresnel::Interface;
+use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, Dual, Rgb, V3, warp};
 use crate::scene::beams::{Step, Way};
 use crate::scene::chains::{Chain, Link, MOST};
@@ -31,7 +32,9 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         return;
     }
     let mut drawn: SmallVec<[u32; 64]> = SmallVec::new();
-    chains.draw(s.o, || s.rng.uniform(), |id| drawn.push(id));
+    // How many numbers that takes changes with places: the path's own stay in step.
+    let mut aside = Rng::keyed(s.rng.next_u64(), Purpose::Manifold as u64, 0, 0);
+    chains.draw(s.o, || aside.uniform(), |id| drawn.push(id));
     for id in drawn {
         let chain = &chains.list[id as usize];
         let order = s.depth + chain.links.len() as u32;

@@ -121,6 +121,25 @@ fn intervals_end_where_the_derivative_gets_steep() {
     assert_eq!(p.verdict, Verdict::Pass, "{:?}", p.blocks);
 }
 
+/// Places of neighbouring strata mirror each other: a derivative that grows evenly over the interval has no noise from where it is taken.
+#[test]
+fn places_mirror_each_other() {
+    let family = Family::text(SCENE, &Path::new(env!("CARGO_MANIFEST_DIR")).join("check.xml"));
+    let terms = vec!["all".to_string()];
+    let view = View { sensor: 0, crop: [0, 0, 16, 16], terms: &terms, stop: None };
+    let options = CheckOptions { spp: Some(64), max_spp: 64, step: Some(0.3), ..CheckOptions::default() };
+    let grows = |power: i32| {
+        let estimator = move |member: &Member, _: &_, _, _, _: &_| {
+            let value = member.desc.params[member.desc.wrt("sigma_t")?].value;
+            Ok(vec![vec![0.0; 3 * 256], vec![value.powi(power); 3 * 256]])
+        };
+        let names = ["sigma_t".to_string()];
+        let found = check::check(&family, view, &names, &options, &estimator, &mut |s| println!("{s}"));
+        found.unwrap_or_else(|e| panic!("{e}")).parameters[0].error_ours
+    };
+    assert!(grows(1) < 1e-12 && grows(2) > 1e-4, "{} {}", grows(1), grows(2));
+}
+
 /// A ball over a floor: within the widest interval it would pass through it, which the derivative refuses. A narrower one is taken.
 #[test]
 fn intervals_end_before_what_is_refused() {
