@@ -50,7 +50,7 @@ pub struct CheckArgs {
     /// Samples a pixel to begin with [default: few]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
     spp: Option<u64>,
-    /// Samples a pixel of derivative and difference, at most
+    /// Samples a pixel of derivative and difference, at most; 32 rounds of one are done in any case
     #[arg(long, value_name = "N", default_value_t = 1 << 20, value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
     max_spp: u64,
     /// Time for all parameters, e.g. 90s, 5m, 1h; the first 32 rounds of either side are done in any case

@@ -49,10 +49,12 @@ const ROUNDING: f64 = 1e-12;
 
 /// What each place of differences b is uncertain by beside its variance and `bias`: by what it may have missed, where it is exactly 0 and a is not, and by rounding. `event`: what one sample can be, over the difference's step; `samples` of each place.
 pub fn leeway(a: &Rounds, b: &Rounds, bias: &[f64], event: f64, samples: impl Fn(usize) -> f64) -> Vec<f64> {
+    // Pictures change by the derivative, also where they are 0 at the value itself.
+    let largest = a.mean.iter().fold(event, |m, x| m.max(x.abs()));
     let more = |i: usize| match (a.mean[i] == 0.0, b.mean[i] == 0.0) {
         (true, true) => 0.0,
         (false, true) if b.variance(i) == 0.0 => MISSED * event / samples(i / 3),
-        _ => ROUNDING * event,
+        _ => ROUNDING * largest,
     };
     bias.iter().enumerate().map(|(i, b)| b.hypot(more(i))).collect()
 }

@@ -67,6 +67,13 @@ pub enum Place {
     Value,
 }
 
+impl CheckOptions {
+    /// Samples a pixel of a first round, at most.
+    fn most(&self) -> u64 {
+        (self.max_spp / ROUNDS).max(1)
+    }
+}
+
 impl Default for CheckOptions {
     fn default() -> Self {
         CheckOptions {
@@ -251,7 +258,7 @@ pub fn check(
     let member = family.at(&[])?;
     let params = member.scene.param_set(&member.desc, wrt)?;
     let least = LEAST.div_ceil(view.pixels()) as u64;
-    let first = options.spp.map_or(least, |n| n.div_ceil(ROUNDS)).max(1);
+    let first = options.spp.map_or(least, |n| n.div_ceil(ROUNDS)).clamp(1, options.most());
     let blocks = Blocks::new(view.width(), view.height(), options.block);
     let bench = Bench { family, view, options, blocks, member, params, estimator, health: Health::new(), first };
     let mut ours = Stock::new(1 + wrt.len());
@@ -311,6 +318,7 @@ impl Bench<'_> {
             if means { Difference::plain(&at, side, step)? } else { Difference::extrapolated(&at, side, step)? };
         // Asked for by the user, or enough for a run a stratum.
         let samples = if self.options.spp.is_some() { self.first } else { self.first * STRATA * LONGER };
+        let samples = samples.min(self.options.most());
         let over = means.then(|| (Interval { at, step, first: samples }, Stock::new(2)));
         let seconds = start.elapsed().as_secs_f64();
         let theirs = Stock::new(difference.functionals());

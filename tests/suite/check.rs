@@ -101,6 +101,15 @@ fn rounding_is_no_difference() {
         assert_eq!((p.verdict, p.pixels.fail), (Verdict::Pass, 0), "{}: {:?}", p.name, p.blocks);
     }
     assert_eq!(run(1.0 + 1e-6).parameters[0].verdict, Verdict::Fail);
+    // The picture of an albedo of 1 is 0, its derivative is not.
+    let white =
+        std::fs::read_to_string(&path).unwrap().replace(r#"name="albedo" value="0.625""#, r#"name="albedo" value="1""#);
+    let family = Family::text(&white, &path);
+    let options = CheckOptions { max_spp: 64, ..CheckOptions::default() };
+    let found = check::check(&family, view, &names[2..3], &options, &ours, &mut |s| println!("{s}"));
+    let p = &found.unwrap_or_else(|e| panic!("{e}")).parameters[0];
+    assert_eq!((p.verdict, p.pixels.fail), (Verdict::Pass, 0), "{:?}", p.blocks);
+    assert!(p.spp_ours <= 64.0 && p.spp_differences <= 64.0, "{} {}", p.spp_ours, p.spp_differences);
 }
 
 /// What glows at 1200 kelvin is 5e6 times as bright between 720 and 1680: over that interval places of the derivative would be noise. A narrower one is taken.
