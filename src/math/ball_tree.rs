@@ -11,6 +11,21 @@ pub struct Ball {
     pub radius: f64,
 }
 
+impl Ball {
+    /// One that holds some, about the middle of their centres' extent.
+    pub fn around(some: impl Iterator<Item = Ball> + Clone) -> Ball {
+        let (low, high) = extent(some.clone().map(|b| b.center));
+        let center = 0.5 * (low + high);
+        let radius = some.map(|b| (b.center - center).length() + b.radius).fold(0.0, f64::max);
+        Ball { center, radius }
+    }
+}
+
+/// The least and the largest coordinates of points.
+pub fn extent(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
+    points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+}
+
 #[derive(Clone, Debug)]
 struct Node {
     bound: Ball,
@@ -40,12 +55,9 @@ impl BallTree {
         let at = self.nodes.len();
         let (balls, of) = (&self.balls, &mut self.order[first..end]);
         let each = || of.iter().map(|&i| balls[i as usize]);
-        let widen = |(lo, hi): (DVec3, DVec3), b: Ball| (lo.min(b.center), hi.max(b.center));
-        let (lo, hi) = each().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), widen);
-        let center = 0.5 * (lo + hi);
-        let radius = each().map(|b| (b.center - center).length() + b.radius).fold(0.0, f64::max);
+        let (lo, hi) = extent(each().map(|b| b.center));
         let is_leaf = of.len() <= LEAF;
-        self.nodes.push(Node { bound: Ball { center, radius }, first: first as u32, end: end as u32, is_leaf });
+        self.nodes.push(Node { bound: Ball::around(each()), first: first as u32, end: end as u32, is_leaf });
         if is_leaf {
             return;
         }

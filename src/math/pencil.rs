@@ -3,6 +3,7 @@
 //! The ray from y along w meets the ball of radius ρ about x for some y of the ball of radius r about c exactly if x - c is within `asin((r + ρ)/|x - c|)` of w, or |x - c| <= r + ρ.
 
 use super::DVec3;
+use super::ball_tree::Ball;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Of angles and of lengths, for rounding.
@@ -93,10 +94,7 @@ impl Pencil {
 
     /// One that holds all rays of some.
     pub fn around(some: impl Iterator<Item = Pencil> + Clone) -> Self {
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        some.clone().for_each(|p| (low, high) = (low.min(p.center), high.max(p.center)));
-        let center = 0.5 * (low + high);
-        let radius = some.clone().map(|p| (p.center - center).length() + p.radius).fold(0.0, f64::max);
+        let ball = Ball::around(some.clone().map(|p| Ball { center: p.center, radius: p.radius }));
         let cone = match some.clone().map(|p| p.cone.axis).sum::<DVec3>().try_normalize() {
             Some(axis) => {
                 let angle = some.map(|p| between(axis, p.cone.axis) + p.cone.angle).fold(0.0, f64::max);
@@ -104,7 +102,7 @@ impl Pencil {
             }
             None => Cone::ALL,
         };
-        Pencil::new(center, radius, cone)
+        Pencil::new(ball.center, ball.radius, cone)
     }
 
     /// Whether any of its rays may meet a ball.

@@ -1,6 +1,7 @@
 //! Which pencils reach a point: trees of pencils, each node with one that holds all below it. Pencils that are asked for equally often are a tree, and those between two that are asked for cost nothing.
 
 use crate::math::DVec3;
+use crate::math::ball_tree::extent;
 use crate::math::pencil::Pencil;
 
 /// So many pencils of a leaf are asked for on average, at most.
@@ -12,7 +13,6 @@ struct Node {
     /// Behind the last one of its pencils in the order, and behind all nodes below it.
     last: u32,
     next: u32,
-    is_leaf: bool,
 }
 
 /// Pencils, and where they go.
@@ -45,10 +45,9 @@ impl Reach {
 
     fn grow(&mut self, some: &mut [(u32, Pencil)], size: f64, leaf: usize) {
         let at = self.nodes.len();
-        let is_leaf = some.len() <= leaf;
         let last = (self.pencils.len() + some.len()) as u32;
-        self.nodes.push(Node { bound: Pencil::around(some.iter().map(|p| p.1)), last, next: at as u32 + 1, is_leaf });
-        if is_leaf {
+        self.nodes.push(Node { bound: Pencil::around(some.iter().map(|p| p.1)), last, next: at as u32 + 1 });
+        if some.len() <= leaf {
             self.pencils.extend_from_slice(some);
             return;
         }
@@ -78,12 +77,12 @@ impl Reach {
             // The next one that is asked for, if it is found to reach.
             let mut k = first as usize + skip();
             while let Some(node) = self.nodes.get(at).filter(|n| n.last as usize <= end) {
-                let last = node.last as usize;
+                let (last, is_leaf) = (node.last as usize, node.next as usize == at + 1);
                 if k < last && !node.bound.reaches(x, 0.0) {
                     k = last + skip();
                 }
                 at = if k < last { at + 1 } else { node.next as usize };
-                while node.is_leaf && k < last {
+                while is_leaf && k < last {
                     let (id, pencil) = &self.pencils[k];
                     if pencil.reaches(x, 0.0) {
                         found(*id, pencil);
@@ -93,10 +92,6 @@ impl Reach {
             }
         }
     }
-}
-
-fn extent(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
-    points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)))
 }
 
 #[cfg(test)]
