@@ -201,7 +201,7 @@ impl GradArgs {
             if let Some(l) = &loss {
                 job.seed = l.gradient_seed;
             }
-            let done = run::run(&job, &self.render, &setup.stop, log)?;
+            let mut done = run::run(&job, &self.render, &setup.stop, log)?;
             let own = run::report(&setup, &done, &self.render, &files, wrt, &job.terms);
             cameras.push(Camera {
                 sensor: names[sensor].clone(),
@@ -210,7 +210,7 @@ impl GradArgs {
                 loss: loss.as_ref().map(|l| l.value),
             });
             losses.extend(loss);
-            sum.add(&done.outcome.gradient);
+            sum.add(done.outcome.gradient.take());
             match &mut total {
                 None => (total, report) = (Some(done), Some(own)),
                 Some(t) => {
@@ -301,13 +301,13 @@ impl GradArgs {
 struct Sum(Option<(Vec<f64>, Vec<f64>)>);
 
 impl Sum {
-    fn add(&mut self, own: &Option<(Vec<f64>, Vec<f64>)>) {
+    fn add(&mut self, own: Option<(Vec<f64>, Vec<f64>)>) {
         let Some((g, e)) = own else { return };
         match &mut self.0 {
-            None => self.0 = Some((g.clone(), e.clone())),
+            None => self.0 = Some((g, e)),
             Some((sum, error)) => {
                 sum.iter_mut().zip(g).for_each(|(s, g)| *s += g);
-                error.iter_mut().zip(e).for_each(|(s, e)| *s = s.hypot(*e));
+                error.iter_mut().zip(e).for_each(|(s, e)| *s = s.hypot(e));
             }
         }
     }

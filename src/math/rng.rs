@@ -18,6 +18,8 @@ pub enum Purpose {
     Motion = 6,
     /// Searches for ways of light by smooth surfaces.
     Manifold = 7,
+    /// Random numbers of random number, [`Rng::apart`].
+    Apart = 8,
     /// Boundary rooms; each adds its index.
     Room = 64,
 }
@@ -103,6 +105,11 @@ impl Rng {
     pub fn beside(&self, key: u64) -> Self {
         let even = Even { next: COORDINATES, end: 2 * COORDINATES, ..self.even };
         Rng { even: if self.even.end > 0 { even } else { Even::NONE }, ..Rng::keyed(key, Purpose::Motion as u64, 0, 0) }
+    }
+
+    /// A stream apart, by where this one is; it goes on as if nothing had been asked of it.
+    pub fn apart(&self) -> Self {
+        Rng::keyed(self.s[0], Purpose::Apart as u64, self.s[1], self.s[3])
     }
 
     #[inline]

@@ -8,7 +8,7 @@ use crate::math::{DVec3, Rgb};
 use crate::params::{Mover, ParamSet, Quantity, Sink, Slot};
 use crate::phase::Phase;
 use glow::Glow;
-use grid::Grid;
+use grid::{Grid, Piece, Rate};
 use std::sync::Arc;
 
 /// A volume of numbers: constant, or a grid times nothing (scaling is the medium's).
@@ -123,6 +123,9 @@ pub struct Medium {
     pub gray: bool,
 }
 
+/// Points a collision at which the depth of fine grids is differentiated: that share of a collision's variance they add at most.
+const DENSER: f64 = 4.0;
+
 /// A sink that is a function.
 struct Each<'a, F>(&'a mut F);
 
@@ -235,35 +238,67 @@ impl Medium {
         self.albedo.partials(params, s.albedo, p, density * (slope * self.scale), &mut f);
     }
 
-    /// `d (integral of sigma_t over a span) / d slot`, per channel [T] (11) with fixed points.
+    /// `d (integral of sigma_t over a span) / d slot`, per channel [T] (11) with fixed points. `u` uniform in [0, 1): an unbiased estimate for grids that are fine
+    /// ([`Grid::pieces`]), the same for all slots; without it exact.
     pub fn depth_partials(
         &self,
         params: &ParamSet,
-        o: DVec3,
-        w: DVec3,
-        t0: f64,
-        t1: f64,
+        (o, w): (DVec3, DVec3),
+        (t0, t1): (f64, f64),
+        u: Option<f64>,
         mut f: impl FnMut(Slot, Rgb),
     ) {
         let s = &self.slots;
-        if let (Some(mover), Some(grid)) = (self.moves(params), self.density_grid()) {
-            let each = &mut Each(&mut f);
-            grid.quadrature(o, w, t0, t1, &mut |weight, p| self.motion_partials(mover, p, Rgb::splat(weight), each));
-        }
-        if s.scale != NO_SLOT && params.is_active(s.scale) {
-            f(s.scale, self.density_integral(o, w, t0, t1));
-        }
-        if s.sigma_t == NO_SLOT {
-            return;
-        }
-        match &self.density {
-            Volume::Constant(_) => {
-                self.density.partials(params, s.sigma_t, o, Rgb::splat(self.scale * (t1 - t0)), &mut f)
+        let by_scale = s.scale != NO_SLOT && params.is_active(s.scale);
+        let grid = match &self.density {
+            Volume::Grid(g) => g,
+            Volume::Constant(c) => {
+                let length = t1 - t0;
+                if by_scale {
+                    f(s.scale, *c * length);
+                }
+                return self.density.partials(params, s.sigma_t, o, Rgb::splat(self.scale * length), &mut f);
             }
-            Volume::Grid(g) if params.is_active(s.sigma_t) => g.integrate_active(o, w, t0, t1, &mut |k, weight| {
-                voxel(g, s.sigma_t, k, Rgb::splat(self.scale * weight), &mut f);
-            }),
-            Volume::Grid(_) => {}
+        };
+        let voxels = s.sigma_t != NO_SLOT && params.is_active(s.sigma_t);
+        let mover = self.moves(params);
+        let by_voxel =
+            |k: u32, weight: f64, f: &mut _| voxel(grid, s.sigma_t, k, Rgb::splat(self.scale * weight), f);
+        let mut density = Rgb::ZERO;
+        let rate = match u {
+            Some(_) => Rate { by_value: DENSER * self.scale, floor: DENSER * self.kappa },
+            None => Rate { by_value: 0.0, floor: f64::INFINITY },
+        };
+        grid.pieces(o, w, t0, t1, rate, u.unwrap_or(0.0), |piece| match piece {
+            Piece::Whole(span) => {
+                if let Some(mover) = mover {
+                    let each = &mut Each(&mut f);
+                    grid.quadrature(&span, o, w, &mut |weight, p| {
+                        self.motion_partials(mover, p, Rgb::splat(weight), each);
+                    });
+                }
+                if by_scale {
+                    density += Rgb(grid.integrate_span(&span, o, w));
+                }
+                if voxels {
+                    grid.integrate_active(&span, o, w, &mut |k, weight| by_voxel(k, weight, &mut f));
+                }
+            }
+            Piece::Point { t, weight } => {
+                let p = o + w * t;
+                if let Some(mover) = mover {
+                    self.motion_partials(mover, p, Rgb::splat(weight), &mut Each(&mut f));
+                }
+                if by_scale {
+                    density += grid.lookup_rgb(p) * weight;
+                }
+                if voxels {
+                    grid.active_nodes(p, |k, share| by_voxel(k, weight * share, &mut f));
+                }
+            }
+        });
+        if by_scale {
+            f(s.scale, density);
         }
     }
 

@@ -3,10 +3,12 @@
 
 pub mod corners;
 pub mod mover;
+mod array_sum;
 pub mod sink;
 pub mod slot;
 
 pub use corners::Corners;
 pub use mover::{Covector, Mover, Partial};
+pub use array_sum::ArraySum;
 pub use sink::{Both, Forward, Gauge, Null, Reverse, Sink};
 pub use slot::{Array, Block, Owner, ParamSet, Quantity, Slot, SlotTable};

@@ -1,5 +1,6 @@
 //! Sinks decide what a partial derivative means: nothing, K derivative images, or a gradient.
 
+use super::array_sum::ArraySum;
 use super::slot::{ParamSet, Slot};
 use crate::math::Rgb;
 
@@ -93,11 +94,11 @@ pub struct Reverse {
     /// Over scalar slots.
     pub scalars: Vec<f64>,
     /// Over the slots of arrays, which come after them.
-    pub arrays: Vec<f64>,
+    pub arrays: ArraySum,
 }
 
 impl Reverse {
-    pub fn new(scalars: usize, arrays: Vec<f64>) -> Self {
+    pub fn new(scalars: usize, arrays: ArraySum) -> Self {
         Reverse { adjoint: Rgb::ZERO, scalars: vec![0.0; scalars], arrays }
     }
 
@@ -105,8 +106,11 @@ impl Reverse {
     #[inline]
     pub fn scatter(&mut self, slot: Slot, value: f64) {
         let (slot, scalars) = (slot as usize, self.scalars.len());
-        let sum = if slot < scalars { &mut self.scalars[slot] } else { &mut self.arrays[slot - scalars] };
-        *sum += value;
+        if slot < scalars {
+            self.scalars[slot] += value;
+        } else {
+            self.arrays.add(slot - scalars, value);
+        }
     }
 }
 

@@ -276,7 +276,7 @@ mod tests {
             let pixels =
                 [([0, 0], Rgb::splat(9.0)), ([1, 0], Rgb::splat(weights[0])), ([2, 1], Rgb::splat(weights[1]))];
             let mut film = Film::new(spec.clone());
-            let mut sink = reverse.then(|| Reverse::new(slots as usize, Vec::new()));
+            let mut sink = reverse.then(|| Reverse::new(slots as usize, crate::params::ArraySum::default()));
             job.contribute(0, &Contribution { sample: &sample, pixels: &pixels }, &film, &mut sink);
             film.end_batch(0, 1).unwrap();
             let values: Vec<f64> = (0..4).map(|p| film.mean(1, p)[0]).collect();

@@ -111,7 +111,7 @@ pub fn clear(cx: &mut Context, p: DVec3, w: DVec3, distance: f64, medium: Option
     let a = Arrival { w, distance, factor: 1.0, emission, pdf: 0.0, target: None, n: DVec3::ZERO };
     let mut rec = NoRecord;
     let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
-    let t = transmit::shadow(&mut walker, medium, p, on, &a);
+    let t = transmit::shadow(&mut walker, medium, p, on, &a, None);
     cx.tally.missed_boundary += walker.tally.missed_boundary;
     t.map(|t| t.transmittance)
 }

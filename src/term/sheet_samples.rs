@@ -23,7 +23,7 @@ fn irradiance(cx: &mut Context, ray: &Ray, y: DVec3, medium: Option<u32>, on: &O
     };
     let mut rec = NoRecord;
     let mut w = Walker::new(cx.scene, cx.set, &mut rec);
-    let clear = transmit::through(&mut w, medium, y, on, &a);
+    let clear = transmit::through(&mut w, medium, y, on, &a, None);
     cx.tally.missed_boundary += w.tally.missed_boundary;
     Some(clear?.transmittance * a.emission.color() * a.factor)
 }

@@ -131,7 +131,7 @@ fn ball<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex, twin: Op
         let light_at_y = a.emission.color() * (a.factor / density);
         if let Some(sight) = &at_y {
             let on = On::default();
-            if let Some(clear) = transmit::shadow(w, Some(sight.span.medium), y, &on, &a) {
+            if let Some(clear) = transmit::shadow(w, Some(sight.span.medium), y, &on, &a, Some(&s.rng)) {
                 let value = rest(sight, y) * clear.transmittance * phase(sight) * light_at_y;
                 w.rec.push(Event::Aim { aim: Aim { within: clear.within, ..aim(sight) }, value });
             }

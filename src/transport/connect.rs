@@ -152,7 +152,7 @@ pub fn equiangular<R: Recorder>(
     let via = Drawn { medium: span.medium, p, sigma: sigma_s, span, lead: w.rec.side_len() - first };
     let m = one_minus_cos(span.w, a.w);
     let f = medium.phase.eval(m);
-    let Some(clear) = transmit::shadow(w, Some(span.medium), p, &On::default(), &a) else { return };
+    let Some(clear) = transmit::shadow(w, Some(span.medium), p, &On::default(), &a, Some(&s.rng)) else { return };
     let transmittance = transmit::one_span(scene, &part);
     // A direction drawn at the end of the flight may meet a lamp as well.
     let by_direction = if a.pdf > 0.0 {
@@ -187,7 +187,7 @@ fn finish<R: Recorder>(
     aim: Option<Aim>,
 ) -> Option<Rgb> {
     let first = w.rec.side_len();
-    let clear = transmit::shadow(w, medium, s.o, on, a)?;
+    let clear = transmit::shadow(w, medium, s.o, on, a, Some(&s.rng))?;
     let mut weight = weight * clear.transmittance;
     weight *= if a.pdf > 0.0 {
         // What `direction_share` leaves over.

@@ -177,7 +177,7 @@ impl Centred {
             * sight.transmittance
             * (per_length * m.phase.eval(m2) * a.factor / (flight + equi + own));
 
-        let Some(clear) = transmit::shadow(w, Some(span.medium), y, &On::default(), &a) else { return };
+        let Some(clear) = transmit::shadow(w, Some(span.medium), y, &On::default(), &a, Some(&s.rng)) else { return };
         let phases = [sight.phase, Some((span.medium, m2))];
         let aim = beside::follows(w, light, s.left, y, Some(s.o)).then(|| {
             let turn = Turn::Phase(span.medium, sight.direction);

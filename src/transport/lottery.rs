@@ -30,6 +30,11 @@ impl Lottery {
         }
         (self.rng.uniform() < q).then(|| after / q)
     }
+
+    /// A number for a span.
+    pub fn uniform(&mut self) -> f64 {
+        self.rng.uniform()
+    }
 }
 
 #[cfg(test)]

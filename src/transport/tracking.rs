@@ -14,6 +14,9 @@ use crate::medium::{Medium, Volume};
 /// Tentative collisions across a brick from which on its exact depth is inverted: that many steps cost more than its cells.
 const EXACT_STEPS: f64 = 16.0;
 
+/// Tentative collisions across several bricks up to which they are one piece: that many cost less than the steps from brick to brick.
+const THIN: f64 = 1.0;
+
 /// A distance of density `sigma_h exp(-sigma_h t)`; infinite where nothing is there.
 pub fn distance(m: &Medium, s: &mut State) -> f64 {
     choose_hero(m, s);
@@ -86,28 +89,31 @@ pub fn fly(m: &Medium, span: &MediumSpan, s: &mut State) -> Option<f64> {
         Volume::Grid(grid) => {
             choose_hero(m, s);
             let h = s.hero;
-            let mut bricks = grid.spans(span.o, span.w, span.t0, span.t1);
+            let mut bricks = grid.thin_spans(span.o, span.w, span.t0, span.t1, THIN / m.scale);
+            // Optical depth of the majorant up to the next tentative collision.
+            let mut left = s.rng.exponential();
             while let Some(brick) = bricks.next() {
                 let majorant = brick.max * m.scale;
                 if majorant <= 0.0 {
                     continue;
                 }
-                // The flight forgets: each brick has its own target, whichever way it is drawn. For gray media only: nothing to weigh.
-                if m.gray && (brick.constant || majorant * (brick.t1 - brick.t0) > EXACT_STEPS) {
-                    match bricks.invert(&brick, s.rng.exponential() / m.scale) {
+                // For gray media only: nothing to weigh.
+                let dense = !brick.large && majorant * (brick.t1 - brick.t0) > EXACT_STEPS;
+                if m.gray && (brick.constant || dense) {
+                    match bricks.invert(&brick, left / m.scale) {
                         Ok(t) => {
                             s.beta *= m.albedo.at(span.o + span.w * t);
                             return Some(t);
                         }
-                        Err(_) => continue,
+                        Err(depth) => {
+                            left = (left - depth * m.scale).max(0.0);
+                            continue;
+                        }
                     }
                 }
                 let mut t = brick.t0;
-                loop {
-                    t += s.rng.exponential() / majorant;
-                    if t >= brick.t1 {
-                        break;
-                    }
+                while left < majorant * (brick.t1 - t) {
+                    t += left / majorant;
                     let p = span.o + span.w * t;
                     let sigma_t = m.density.at(p) * m.scale;
                     if s.rng.uniform() * majorant < sigma_t[h] {
@@ -130,7 +136,9 @@ pub fn fly(m: &Medium, span: &MediumSpan, s: &mut State) -> Option<f64> {
                             s.r[c] *= w;
                         }
                     }
+                    left = s.rng.exponential();
                 }
+                left -= majorant * (brick.t1 - t);
             }
             None
         }

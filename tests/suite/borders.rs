@@ -167,7 +167,7 @@ fn a_moving_vdb_changes_its_integrals_and_its_values() {
             let depth = |sc: &Scene| sc.media[0].density_integral(a, w, 0.0, length)[0] * sc.media[0].scale;
             let scattering = |sc: &Scene| sc.media[0].coefficients(a).1[0];
             let mut ours = [0.0; 2];
-            m.depth_partials(&p, a, w, 0.0, length, |slot, d| ours[0] += d[0] * p.tangents(slot)[k]);
+            m.depth_partials(&p, (a, w), (0.0, length), None, |slot, d| ours[0] += d[0] * p.tangents(slot)[k]);
             m.sigma_s_partials(&p, a, |slot, d| ours[1] += d[0] * p.tangents(slot)[k]);
             let theirs = [(depth(&up) - depth(&down)) / (2.0 * h), (scattering(&up) - scattering(&down)) / (2.0 * h)];
             for i in 0..2 {

@@ -5,6 +5,7 @@
 //! therefore has no branch on the kind of brick. Nodes are counted in units of one window: 1 a constant, 8 a brick.
 
 use super::Frame;
+use super::levels::Levels;
 use super::nodes::Layout;
 use super::values::Values;
 use std::collections::HashMap;
@@ -28,6 +29,8 @@ pub(super) struct Bricks {
     code: Vec<u32>,
     /// Per brick: least and greatest node over all channels.
     range: Vec<[f32; 2]>,
+    /// The same over cubes of bricks.
+    pub(super) levels: Levels,
     /// Nodes, channels interleaved.
     nodes: Vec<f32>,
     /// Least and greatest node of all bricks, per channel.
@@ -43,6 +46,7 @@ impl Bricks {
         let mut bricks = Bricks {
             code: Vec::with_capacity(count),
             range: Vec::with_capacity(count),
+            levels: Levels::default(),
             nodes: Vec::new(),
             low: [f32::INFINITY; 3],
             high: [f32::NEG_INFINITY; 3],
@@ -59,6 +63,7 @@ impl Bricks {
             values.done(bx);
         }
         bricks.nodes.shrink_to_fit();
+        bricks.levels = Levels::new(frame.dims, &bricks.range);
         bricks
     }
 
@@ -98,7 +103,8 @@ impl Bricks {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(&self.code[..]) + size_of_val(&self.range[..]) + size_of_val(&self.nodes[..])
+        let own = size_of_val(&self.code[..]) + size_of_val(&self.range[..]) + size_of_val(&self.nodes[..]);
+        own + self.levels.bytes()
     }
 
     /// The nodes from the lowest corner of a cell on.

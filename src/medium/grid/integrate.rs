@@ -6,7 +6,7 @@
 
 use super::bricks::{BRICK, ROW, SLAB, WINDOW};
 use super::nodes::{BrickIds, NodeId, weights};
-use super::traverse::Ray;
+use super::traverse::{Ray, Whole};
 use super::{Grid, Span, SpanIter, corners, mix, mix_gradient};
 use crate::math::DVec3;
 
@@ -250,7 +250,7 @@ impl Grid {
 
     /// Add a span's integral to `sum`: of channel 0, or of all three.
     #[inline(always)]
-    fn add_span<const C: usize, const N: usize>(&self, ray: &Ray, span: &Span, sum: &mut [f64; N]) {
+    pub(super) fn add_span<const C: usize, const N: usize>(&self, ray: &Ray, span: &Span, sum: &mut [f64; N]) {
         match span.brick.index() {
             Some(brick) if !span.constant => {
                 let nodes = self.bricks.nodes(brick, C);
@@ -295,15 +295,17 @@ impl Grid {
         sum
     }
 
-    /// Integral of channel 0 over one span of the same ray, or over a part of it.
-    pub fn integrate_span(&self, span: &Span, o: DVec3, w: DVec3) -> f64 {
-        let (ray, mut sum) = (Ray::new(self, o, w), [0.0]);
+    /// Integrals of all channels over one span of the same ray, or over a part of it; a scalar grid repeats its own.
+    pub fn integrate_span(&self, span: &Span, o: DVec3, w: DVec3) -> [f64; 3] {
+        let ray = Ray::new(self, o, w);
         if self.frame.channels == 1 {
+            let mut sum = [0.0];
             self.add_span::<1, 1>(&ray, span, &mut sum);
-        } else {
-            self.add_span::<3, 1>(&ray, span, &mut sum);
+            return [sum[0]; 3];
         }
-        sum[0]
+        let mut sum = [0.0; 3];
+        self.add_span::<3, 3>(&ray, span, &mut sum);
+        sum
     }
 
     /// `Ok(t)` where the integral of channel 0 from `t0` reaches `target`, or `Err` of the whole integral if that is less.
@@ -405,15 +407,12 @@ impl Grid {
         sums.map(|s| Slope { value: s.value, gradient: covariant * s.gradient, moment: covariant * s.moment })
     }
 
-    /// Points of a quadrature over t in [t0, t1] that is exact for the field's gradient times anything linear: `f(weight, point)`.
-    pub fn quadrature(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, f: &mut impl FnMut(f64, DVec3)) {
-        let spans = self.single_spans(o, w, t0, t1);
-        let ray = spans.ray;
-        for span in spans.filter(|s| !s.constant) {
-            let Some(brick) = span.brick.index() else { continue };
-            for cell in self.cells(&ray, brick, span.t0, span.t1).filter(|cell| cell.t0 < cell.t1) {
-                cell.gauss().into_iter().for_each(|t| f(0.5 * (cell.t1 - cell.t0), o + w * t));
-            }
+    /// Points of a quadrature over a span that is exact for the field's gradient times anything linear: `f(weight, point)`.
+    pub fn quadrature(&self, span: &Span, o: DVec3, w: DVec3, f: &mut impl FnMut(f64, DVec3)) {
+        let Some(brick) = span.brick.index().filter(|_| !span.constant) else { return };
+        let ray = Ray::new(self, o, w);
+        for cell in self.cells(&ray, brick, span.t0, span.t1).filter(|cell| cell.t0 < cell.t1) {
+            cell.gauss().into_iter().for_each(|t| f(0.5 * (cell.t1 - cell.t0), o + w * t));
         }
     }
 
@@ -492,34 +491,31 @@ impl Trail<'_> {
 }
 
 impl Grid {
-    /// Integrals of the interpolation weights of active voxels over t in [t0, t1]: `f(index, weight)`, a voxel several times. As
+    /// Integrals of the interpolation weights of active voxels over a span: `f(index, weight)`, a voxel several times. As
     /// [`Grid::integrate_nodes`] otherwise.
-    pub fn integrate_active(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, f: &mut impl FnMut(u32, f64)) {
-        let spans = self.single_spans(o, w, t0, t1);
-        let ray = spans.ray;
+    pub fn integrate_active(&self, span: &Span, o: DVec3, w: DVec3, f: &mut impl FnMut(u32, f64)) {
+        let Some(brick) = span.brick.index() else { return };
         let [_, ny, nz] = self.frame.dims;
-        for span in spans {
-            let Some(brick) = span.brick.index() else { continue };
-            let ids = self.layout.brick(&self.frame, [brick / (ny * nz), brick / nz % ny, brick % nz]);
-            // A brick of one value (or none) needs no cells.
-            if ids.uniform().is_some() {
-                if let Some(index) = ids.active(0) {
-                    f(index, span.t1 - span.t0);
-                }
-                continue;
+        let ids = self.layout.brick(&self.frame, [brick / (ny * nz), brick / nz % ny, brick % nz]);
+        // A brick of one value (or none) needs no cells.
+        if ids.uniform().is_some() {
+            if let Some(index) = ids.active(0) {
+                f(index, span.t1 - span.t0);
             }
-            let mut trail = Trail { ids, local: 0, weights: [0.0; 8] };
-            for cell in self.cells(&ray, brick, span.t0, span.t1).filter(|cell| cell.t0 < cell.t1) {
-                trail.go(cell.local, f);
-                let own = cell.weight_integrals(&ray, self.smooth);
-                trail.weights.iter_mut().zip(own).for_each(|(a, b)| *a += b);
-            }
-            trail.leave(0, 0, f);
+            return;
         }
+        let ray = Ray::new(self, o, w);
+        let mut trail = Trail { ids, local: 0, weights: [0.0; 8] };
+        for cell in self.cells(&ray, brick, span.t0, span.t1).filter(|cell| cell.t0 < cell.t1) {
+            trail.go(cell.local, f);
+            let own = cell.weight_integrals(&ray, self.smooth);
+            trail.weights.iter_mut().zip(own).for_each(|(a, b)| *a += b);
+        }
+        trail.leave(0, 0, f);
     }
 }
 
-impl SpanIter<'_> {
+impl<W: Whole> SpanIter<'_, W> {
     /// [`Grid::invert`] in one span of this ray; `target` > 0.
     #[inline]
     pub fn invert(&self, span: &Span, target: f64) -> Result<f64, f64> {

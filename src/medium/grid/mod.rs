@@ -15,7 +15,10 @@ mod bricks;
 mod builder;
 mod field;
 mod integrate;
+mod levels;
 mod nodes;
+mod pieces;
+mod residual;
 mod roughness;
 #[cfg(test)]
 mod tests;
@@ -31,6 +34,7 @@ pub use builder::{Allowed, BadVoxel, GridBuilder, GridSource, Repaired};
 pub use field::Field;
 pub use integrate::Slope;
 pub use nodes::NodeId;
+pub use pieces::{Piece, Rate};
 pub use traverse::{BrickRef, Span, SpanIter};
 
 use bricks::{BRICK, Bricks, ROW, SLAB, WINDOW};

@@ -81,7 +81,9 @@ fn weights_of_active_voxels_are_those_of_their_nodes() {
             };
             if k % 2 == 0 {
                 grid.integrate_nodes(o, w, -40.0, 50.0, &mut node);
-                grid.integrate_active(o, w, -40.0, 50.0, &mut |k, weight| b[k as usize] += weight);
+                for span in grid.single_spans(o, w, -40.0, 50.0) {
+                    grid.integrate_active(&span, o, w, &mut |k, weight| b[k as usize] += weight);
+                }
             } else {
                 grid.nodes(o).into_iter().for_each(|(id, w)| id.into_iter().for_each(|id| node(id, w)));
                 grid.active_nodes(o, |k, weight| b[k as usize] += weight);

@@ -39,8 +39,13 @@ fn spans_partition_awkward_rays() {
 
 /// Spans follow each other, cover the box, and bound the field.
 fn check_partition(grid: &Grid, o: DVec3, w: DVec3, t0: f64, t1: f64) {
-    for spans in [grid.spans(o, w, t0, t1), grid.single_spans(o, w, t0, t1)] {
-        let spans: Vec<Span> = spans.collect();
+    let large = |limit: f32| {
+        let whole = move |level, [min, max]: [f32; 2]| (max - min) * (level as f32) <= limit;
+        SpanIter::new(grid, traverse::Ray::new(grid, o, w), t0, t1, false, whole).collect::<Vec<Span>>()
+    };
+    let exact = [grid.spans(o, w, t0, t1).collect(), grid.single_spans(o, w, t0, t1).collect()];
+    let nodes = [large(1e9), large(1.0), large(0.3), grid.thin_spans(o, w, t0, t1, 20.0).collect()];
+    for spans in exact.into_iter().chain(nodes) {
         for pair in spans.windows(2) {
             assert_eq!(pair[0].t1, pair[1].t0);
         }
@@ -112,12 +117,12 @@ fn integrals_agree_with_quadrature() {
                 assert!((got[c] - expected[c]).abs() <= 1e-11 * (t1 - t0), "{got:?} {expected:?}");
             }
             assert!((grid.integrate(wo, ww, t0, t1) - got[0]).abs() <= 1e-13 * got[0].abs());
-            let spans: f64 = grid.spans(wo, ww, t0, t1).map(|s| grid.integrate_span(&s, wo, ww)).sum();
+            let spans: f64 = grid.spans(wo, ww, t0, t1).map(|s| grid.integrate_span(&s, wo, ww)[0]).sum();
             assert!((spans - got[0]).abs() <= 1e-13 * got[0].abs());
             // And back, through the iterator's own ray.
             let mut spans = grid.spans(wo, ww, t0, t1);
             while let Some(s) = spans.next() {
-                let whole = grid.integrate_span(&s, wo, ww);
+                let whole = grid.integrate_span(&s, wo, ww)[0];
                 if whole > 0.0 {
                     let t = spans.invert(&s, 0.3 * whole).unwrap();
                     let part = grid.integrate(wo, ww, s.t0, t);

@@ -7,6 +7,7 @@ use std::collections::HashMap;
 
 mod active;
 mod field;
+mod fine;
 mod line;
 
 /// Nodes by position, and the plain trilinear formula.
