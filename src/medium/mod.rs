@@ -262,14 +262,10 @@ impl Medium {
         };
         let voxels = s.sigma_t != NO_SLOT && params.is_active(s.sigma_t);
         let mover = self.moves(params);
-        let by_voxel =
-            |k: u32, weight: f64, f: &mut _| voxel(grid, s.sigma_t, k, Rgb::splat(self.scale * weight), f);
+        let by_voxel = |k: u32, weight: f64, f: &mut _| voxel(grid, s.sigma_t, k, Rgb::splat(self.scale * weight), f);
         let mut density = Rgb::ZERO;
-        let rate = match u {
-            Some(_) => Rate { by_value: DENSER * self.scale, floor: DENSER * self.kappa },
-            None => Rate { by_value: 0.0, floor: f64::INFINITY },
-        };
-        grid.pieces(o, w, t0, t1, rate, u.unwrap_or(0.0), |piece| match piece {
+        let rate = Rate { by_value: DENSER * self.scale, floor: DENSER * self.kappa };
+        grid.pieces(o, w, t0, t1, u.map(|u| (rate, u)), |piece| match piece {
             Piece::Whole(span) => {
                 if let Some(mover) = mover {
                     let each = &mut Each(&mut f);

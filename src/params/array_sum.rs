@@ -34,7 +34,7 @@ impl ArraySum {
     #[cold]
     fn fill(&mut self) {
         self.all.resize(self.slots, 0.0);
-        self.list.drain(..).for_each(|(slot, value)| self.all[slot as usize] += value);
+        std::mem::take(&mut self.list).into_iter().for_each(|(slot, value)| self.all[slot as usize] += value);
         self.is_full = true;
     }
 

@@ -1,7 +1,7 @@
 //! Gradients over slots, added up in an order that no thread changes.
 //!
 //! Over scalar slots every work item (a tile, a block of outward samples) has sums of its own, added in the items' order. Arrays may have millions of slots: there
-//! items share a bounded number of sums ([`ArraySum`]). Item k adds to sum k mod n, one item after the other.
+//! items share a bounded number of sums ([`ArraySum`]), whose number depends on the arrays' size alone. Item k adds to sum k mod n, one item after the other.
 //! Sums are begun one after the other too and added up in that order: those alive are the threads' own, and those that wait for a slower one before them.
 //! What no sample of a batch has touched costs nothing: [`Touched`].
 
@@ -10,8 +10,9 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Sums of arrays that items share.
-const SUMS: usize = 256;
+/// What the shared sums of arrays may hold, in bytes, within these numbers of sums.
+const SHARED: usize = 1 << 28;
+const SUMS: (usize, usize) = (8, 256);
 /// Slots that are touched together: a cache line.
 const CHUNK: usize = 8;
 
@@ -69,7 +70,7 @@ impl Size {
     fn sums(&self, items: usize) -> usize {
         match self.arrays {
             0 => items,
-            _ => SUMS.min(items),
+            n => (SHARED / (n * size_of::<f64>())).clamp(SUMS.0, SUMS.1).min(items),
         }
     }
 }
@@ -211,9 +212,9 @@ mod tests {
     #[test]
     fn sums_are_bounded_and_know_no_threads() {
         let size = Size { scalars: 2, arrays: 1 << 22 };
-        assert_eq!(size.sums(1000), 256);
+        assert_eq!(size.sums(1000), 8);
         assert_eq!(Size { arrays: 0, ..size }.sums(1000), 1000);
-        assert_eq!(Size { arrays: 3, ..size }.sums(300), 256);
+        assert_eq!(Size { arrays: 3, ..size }.sums(1000), 256);
         assert_eq!(Size { arrays: 3, ..size }.sums(7), 7);
         let small = Size { scalars: 2, arrays: 3 };
         let sum = |threads: usize| {

@@ -14,12 +14,13 @@ const SHARE: f64 = 0.125;
 pub(super) struct Lottery {
     rng: Rng,
     all: f64,
+    scattered: bool,
 }
 
 impl Lottery {
     /// `scattered`: what the path collected, but for light that comes straight, which has none of their variance.
     pub fn new(rng: Rng, scattered: Rgb) -> Self {
-        Lottery { rng, all: SHARE * scattered.abs().max() }
+        Lottery { rng, all: SHARE * scattered.abs().max(), scattered: false }
     }
 
     /// `after`, weighted, or `None` where the span is left out. What is not finite stays.
@@ -31,9 +32,20 @@ impl Lottery {
         (self.rng.uniform() < q).then(|| after / q)
     }
 
-    /// A number for a span.
-    pub fn uniform(&mut self) -> f64 {
-        self.rng.uniform()
+    /// Going backward: light has been connected or scattered behind here, or before.
+    pub fn scatter(&mut self) {
+        self.scattered = true;
+    }
+
+    /// Another chain.
+    pub fn begin(&mut self) {
+        self.scattered = false;
+    }
+
+    /// A number for a span whose depth may be differentiated at drawn points ([`crate::medium::grid::Grid::pieces`]); none where light comes straight, which has no
+    /// other variance.
+    pub fn place(&mut self) -> Option<f64> {
+        self.scattered.then(|| self.rng.uniform())
     }
 }
 

@@ -388,13 +388,19 @@ impl Sweep<'_> {
     /// What one event adds to the partials of values; returns what was collected from it on.
     fn event(&self, rec: &PathRecord, e: &Event, mut after: Rgb, lottery: &mut Lottery, sink: &mut impl Sink) -> Rgb {
         match e {
-            Event::Chain => after = Rgb::ZERO,
+            Event::Chain => {
+                lottery.begin();
+                after = Rgb::ZERO;
+            }
             Event::Candidate { .. } | Event::Specular(_) | Event::Share(_) => {}
             Event::Ends { span, start, end, depth } => self.glow_at_ends(span, [*start, *end], *depth, sink),
             Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
             Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
             Event::PaneAim { aim, value } => pane_motion::partials(self.scene, self.params, aim, *value, sink),
             Event::Span { span, prefix } => {
+                if prefix.is_some_and(|p| p.depth > 0) {
+                    lottery.scatter();
+                }
                 self.transmittance(span, after, lottery, sink);
                 if let Some(p) = prefix.filter(|_| self.facts.borders.any()) {
                     let m = &self.scene.media[span.medium as usize];
@@ -415,13 +421,20 @@ impl Sweep<'_> {
                 }
             }
             Event::Turn { medium, one_minus_mu } => self.phase(*medium, *one_minus_mu, after, sink),
-            Event::Scatter { medium, p, .. } => self.source_score(*medium, *p, after, sink),
-            Event::Surface { surface, .. } => self.reflectance_score(*surface, after, sink),
+            Event::Scatter { medium, p, .. } => {
+                lottery.scatter();
+                self.source_score(*medium, *p, after, sink);
+            }
+            Event::Surface { surface, .. } => {
+                lottery.scatter();
+                self.reflectance_score(*surface, after, sink);
+            }
             Event::Emit { weight, emission, .. } => {
                 self.emission(*weight, emission, sink);
                 after += *weight * emission.color();
             }
             Event::Glow { weight, radiance, via, first_span, spans, phase } => {
+                lottery.scatter();
                 let l = *weight * *radiance;
                 let value = l * via.sigma;
                 for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
@@ -441,6 +454,7 @@ impl Sweep<'_> {
                 after += value;
             }
             Event::Connect { weight, emission, first_span, spans, phase, via, .. } => {
+                lottery.scatter();
                 let sigma_s = via.map_or(Rgb::ONE, |d| d.sigma);
                 self.emission(*weight * sigma_s, emission, sink);
                 let value = *weight * sigma_s * emission.color();
@@ -487,7 +501,7 @@ impl Sweep<'_> {
         let m = &self.scene.media[span.medium as usize];
         let (drawn, u) = match m.density_grid() {
             None => (Some(after), None),
-            Some(_) => (lottery.draw(after), Some(lottery.uniform())),
+            Some(_) => (lottery.draw(after), lottery.place()),
         };
         let Some(after) = drawn.filter(|_| self.facts.media[span.medium as usize].extinction) else { return };
         m.depth_partials(self.params, (span.o, span.w), (span.t0, span.t1), u, |slot, d| sink.add(slot, -(d * after)));
@@ -548,7 +562,7 @@ impl Sweep<'_> {
         let Candidates { mut rng, total, chosen, by_vertex, by_score, .. } = c;
         let Some((vertex, weight, depth, selection)) = chosen else { return };
         // Continue in proportion to the share that this estimator carries; never less than one path in a thousand.
-        // Scores of collisions and transmittances mostly cancel: their sum's square is as their number. One path in a thousand at least.
+        // Scores of collisions and transmittances mostly cancel: their sum's square is as their number.
         let q = (CONTINUED * by_vertex / (by_vertex + by_score.sqrt())).clamp(1e-3, 1.0);
         if rng.uniform() >= q {
             return;

@@ -19,11 +19,11 @@ pub fn one_span(scene: &Scene, span: &MediumSpan) -> Rgb {
     tracking::depth(&scene.media[span.medium as usize], span).map(|d| (-d).exp())
 }
 
-/// The same, an unbiased estimate whose cost does not follow the size of voxels.
-fn estimate(scene: &Scene, span: &MediumSpan, random: &Rng) -> Rgb {
+/// The same, an unbiased estimate whose cost does not follow the size of voxels; one of several whose product is wanted must not begin `random` anew.
+fn estimate<'a>(scene: &Scene, span: &MediumSpan, random: impl FnOnce() -> &'a mut Rng) -> Rgb {
     let m = &scene.media[span.medium as usize];
     match &m.density {
-        Volume::Grid(g) => Rgb(g.transmittance(span.o, span.w, span.t0, span.t1, m.scale, || random.apart())),
+        Volume::Grid(g) => Rgb(g.transmittance(span.o, span.w, span.t0, span.t1, m.scale, random)),
         Volume::Constant(_) => one_span(scene, span),
     }
 }
@@ -66,12 +66,17 @@ pub fn through<R: Recorder>(
     let scene = w.scene;
     let mut ray = March::new(p, a.w, *on, medium);
     let (mut t, mut tau) = (Rgb::ONE, Rgb::ZERO);
+    // One stream for all spans, begun where one asks.
+    let mut apart = None;
     // Null interfaces only: whatever is opaque was asked above.
     for met in 0..scene.max_interfaces {
         let left = ray.left(a.distance);
         let hit = ray.boundary(scene, left);
         if let Some(span) = MediumSpan::ahead(&ray, left, hit.as_ref()) {
-            t *= random.map_or_else(|| one_span(scene, &span), |r| estimate(scene, &span, r));
+            t *= match random {
+                Some(r) => estimate(scene, &span, || apart.get_or_insert_with(|| r.apart())),
+                None => one_span(scene, &span),
+            };
             let m = &scene.media[span.medium as usize];
             if m.is_homogeneous() {
                 tau += m.sigma_t.map(|x| if x == 0.0 { 0.0 } else { x * span.t1 });

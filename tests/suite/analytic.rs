@@ -2,6 +2,8 @@
 
 use crate::common::{check, estimate, forward, run, scene_of_orders};
 use std::f64::consts::PI;
+use tyndall::math::{DAffine3, DVec3};
+use tyndall::native::vdb;
 use tyndall::render::driver::Mode;
 use tyndall::scene::compile::Orders;
 
@@ -112,6 +114,24 @@ fn m1_half_space() {
     m1_row(0.95, 0.10707484101, 0.622954259, 1 << 17);
 }
 
+/// M1: dL/dmu0, the light turning about the y axis: mu0 = -cos(turn).
+#[test]
+fn m1_turning_light() {
+    let text = m1(0.8);
+    let start = text.find("<vector name=\"direction\"").unwrap();
+    let end = start + text[start..].find("/>").unwrap() + 2;
+    let turn = (-0.6f64).acos().to_degrees();
+    let text = format!(
+        r#"{}<transform name="to_world"><rotate y="1" angle="$turn"/></transform>{}"#,
+        &text[..start],
+        &text[end..]
+    );
+    let text = text.replacen("<default", &format!(r#"<default name="turn" value="{turn}"/><default"#), 1);
+    let r = forward(&text, &["turn"], 1 << 18);
+    check("L(0.8)", &r[0], 0.058275853718, 0.005);
+    check("dL/dturn", &r[1], 0.0754361044 * 0.8 * PI / 180.0, 0.005);
+}
+
 /// M1 at albedo 0.999 (value and derivative) and 0.999999 (value): long paths, run by `make stress`.
 #[test]
 #[ignore = "make stress"]
@@ -167,6 +187,72 @@ fn t1_transmittance_linear_density() {
     // dT/dscale = a dT/da + b dT/db.
     let d = 0.2 * -0.838292904664 + 0.15 * -1.257439357;
     assert!((r[1].value[0] / d - 1.0).abs() < 1e-7, "{} {d}", r[1].value[0]);
+}
+
+/// T1 by all voxels: `sum g_k` is dT/da, `sum g_k z_k` is dT/db, as the density is linear in both.
+#[test]
+fn t1_by_voxels() {
+    let dir = tempfile::tempdir().unwrap();
+    let medium = linear_density(dir.path()).replace(r#"<rgb name="emission" value="$le"/>"#, "");
+    let text = slab(3.0, &medium, r#"<emitter type="constant"><rgb name="radiance" value="1"/></emitter>"#, 1);
+    let text = text.replace(r#"<default name="le" value="2.5"/>"#, "");
+    let (desc, mut sc) = scene_of_orders(&text, &[], Orders::default());
+    let names = ["m.sigma_t.grid".to_string()];
+    sc.open(&desc, &names).unwrap();
+    let p = sc.param_set(&desc, &names).unwrap();
+    let adjoint = [tyndall::math::Rgb([1.0, 0.0, 0.0])];
+    let g = run(&sc, 16, 1, Mode::Reverse(&p, &adjoint)).gradient.unwrap().0;
+    let own = &g[p.arrays[0].range()];
+    let z = |k: usize| 3.0 * (k as f64 + 0.5) / own.len() as f64;
+    let (by_a, by_b) = own.iter().enumerate().fold((0.0, 0.0), |(a, b), (k, g)| (a + g, b + g * z(k)));
+    assert_eq!(own.len(), 256);
+    // Half voxels at both ends have no slope: b h^2 / 8 each, which cancel.
+    assert!((by_a / -0.838292904664 - 1.0).abs() < 1e-7, "{by_a}");
+    assert!((by_b / -1.257439357 - 1.0).abs() < 1e-7, "{by_b}");
+}
+
+/// T1: the far face moves (dT/dD), and the density moves along the ray (a field without borders of its own: larger than the cube).
+#[test]
+fn t1_face_and_field_move() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("wide.vdb");
+    // Voxel k at z = k h - 1, up to 4; 16 voxels of 100 across.
+    let h = 5.0 / 320.0;
+    let density = |k: i32| (0.2 + 0.15 * (f64::from(k) * h - 1.0)) as f32;
+    let leaf = |k: i32| vdb::Leaf {
+        origin: [8 * (k % 2 - 1), 8 * (k / 2 % 2 - 1), 8 * (k / 4)],
+        active: [u64::MAX; 8],
+        values: (0..512).map(|i| density(8 * (k / 4) + (i & 7))).collect(),
+    };
+    let place =
+        DAffine3::from_scale(DVec3::new(100.0, 100.0, h)) * DAffine3::from_translation(DVec3::new(0.0, 0.0, -1.0 / h));
+    let grid = vdb::WriteGrid {
+        name: "density".into(),
+        channels: 1,
+        world_from_index: place,
+        background: 0.0,
+        leaves: (0..160).map(leaf).collect(),
+        tiles: vec![],
+        class: "fog volume".into(),
+        half: false,
+    };
+    vdb::write(&path, &[grid]).unwrap();
+    let medium = format!(
+        r#"<default name="half" value="1.5"/><default name="shift" value="0"/>
+        <medium type="heterogeneous" id="m"><rgb name="albedo" value="0.6"/>
+        <volume name="sigma_t" type="openvdb"><string name="filename" value="{}"/>
+        <transform name="to_world"><translate z="$shift"/></transform></volume></medium>"#,
+        path.display()
+    );
+    let text = slab(3.0, &medium, r#"<emitter type="constant"><rgb name="radiance" value="1"/></emitter>"#, 1);
+    let text = text.replace(r#"z="1.5"/></transform><bsdf type="null""#, r#"z="$half"/></transform><bsdf type="null""#);
+    assert!(text.contains("z=\"$half\""));
+    let unused = [r#"<default name="le" value="2.5"/>"#, r#"<default name="scale" value="1"/>"#];
+    let r = forward(&unused.iter().fold(text, |t, u| t.replace(u, "")), &["half", "shift"], 64);
+    // Nodes are single precision.
+    for (k, truth) in [0.279430968221, 2.0 * -0.181630129344, 0.1257439357].into_iter().enumerate() {
+        assert!((r[k].value[0] / truth - 1.0).abs() < 1e-6, "{k}: {} {truth}", r[k].value[0]);
+    }
 }
 
 #[test]

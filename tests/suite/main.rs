@@ -19,6 +19,7 @@ mod dense_fog;
 mod dielectric;
 mod duality;
 mod figures;
+mod fine_grids;
 mod fit;
 mod fit_voxels;
 mod floors;

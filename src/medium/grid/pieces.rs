@@ -39,8 +39,11 @@ impl Rate {
 }
 
 impl Grid {
-    /// The pieces of `o + t w`, t in [t0, t1], in order, w of length 1. `u` uniform in [0, 1).
-    pub fn pieces(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, rate: Rate, u: f64, mut f: impl FnMut(Piece)) {
+    /// The pieces of `o + t w`, t in [t0, t1], in order, w of length 1. `drawn`: the density of points, and a number uniform in [0, 1); without it all is exact.
+    pub fn pieces(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, drawn: Option<(Rate, f64)>, mut f: impl FnMut(Piece)) {
+        let Some((rate, u)) = drawn else {
+            return self.single_spans(o, w, t0, t1).for_each(|span| f(Piece::Whole(span)));
+        };
         let ray = Ray::new(self, o, w);
         let cells = ray.d.iter().map(|d| d.abs()).sum::<f64>();
         let whole = |level: usize, [_, max]: [f32; 2]| rate.of(f64::from(max)) * Grid::side(level) <= POINTS * cells;

@@ -13,22 +13,27 @@ use crate::math::rng::Rng;
 /// the variance of what a connection carries (relative, a third of the depth) for what one takes (1 µs); measured in benches/RESULTS.md.
 const RESIDUAL: f64 = 0.004;
 
-/// How much less that may be on each level of the pyramid: below a node are half as many steps as below the nodes it has.
-const COARSER: f64 = 0.5;
-
 impl Grid {
-    /// Estimate of `exp(-scale ∫ f)` over t in [t0, t1] along `o + t w`, per channel (a scalar grid in each). Unbiased, not negative, at most a few times 1;
+    /// Estimate of `exp(-scale ∫ f)` over t in [t0, t1] along `o + t w`, per channel (a scalar grid in each). Unbiased and not negative;
     /// exact with three channels. `random`: a stream of its own, asked for only where it is needed.
-    pub fn transmittance(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, scale: f64, random: impl Fn() -> Rng) -> [f64; 3] {
+    pub fn transmittance<'a>(
+        &self,
+        o: DVec3,
+        w: DVec3,
+        t0: f64,
+        t1: f64,
+        scale: f64,
+        random: impl FnOnce() -> &'a mut Rng,
+    ) -> [f64; 3] {
         if self.channels() == 3 {
             return self.integrate3(o, w, t0, t1).map(|x| (-scale * x).exp());
         }
         let ray = Ray::new(self, o, w);
         let limit = RESIDUAL / scale * ray.d.iter().map(|d| d.abs()).sum::<f64>();
-        let limits: [f64; 16] = std::array::from_fn(|k| 2.0 * limit * COARSER.powi(k as i32));
-        let whole = |level: usize, [min, max]: [f32; 2]| f64::from(max - min) <= limits[level.min(15)];
-        let (mut sum, mut factor) = ([0.0], 1.0);
-        let mut points: Option<(Rng, f64)> = None;
+        // Below a node are half as many steps as below the nodes that it has, and less to be saved.
+        let whole = |level: usize, [min, max]: [f32; 2]| f64::from(max - min) * ((1u64 << level) as f64) <= 2.0 * limit;
+        let (mut sum, mut factor, mut random) = ([0.0], 1.0, Some(random));
+        let mut points: Option<(&mut Rng, f64)> = None;
         for span in self.large_spans(ray, t0, t1, whole) {
             let r = 0.5 * (span.max - span.min);
             if span.constant || !span.large && r > limit {
@@ -37,16 +42,18 @@ impl Grid {
             }
             let (c, rate) = (0.5 * (span.max + span.min), scale * r);
             sum[0] += c * (span.t1 - span.t0);
-            let (rng, left) = points.get_or_insert_with(|| {
-                let mut rng = random();
+            if let Some(random) = random.take() {
+                let rng = random();
                 let first = rng.exponential();
-                (rng, first)
-            });
+                points = Some((rng, first));
+            }
+            let Some((rng, left)) = &mut points else { continue };
             // The next point, by the residual depth up to it.
             let mut t = span.t0;
             while *left < rate * (span.t1 - t) {
                 t += *left / rate;
-                factor *= 1.0 - (self.lookup(o + w * t) - c) / r;
+                // Rounding may look it up beyond the node.
+                factor *= 1.0 - (self.lookup(o + w * t).clamp(span.min, span.max) - c) / r;
                 *left = rng.exponential();
             }
             *left -= rate * (span.t1 - t);

@@ -52,9 +52,10 @@ fn residual_tracking_is_unbiased() {
         for (k, (o, w)) in rays(12).enumerate() {
             let exact = (-scale * grid.integrate(o, w, 0.0, 3.0)).exp();
             let (mean, error) = estimate(4000, |i| {
-                let random = || {
+                let (rng, asked) = (&mut Rng::keyed(1, k as u64, i as u64, 0), &asked);
+                let random = move || {
                     asked.set(asked.get() + 1);
-                    Rng::keyed(1, k as u64, i as u64, 0)
+                    rng
                 };
                 let t = grid.transmittance(o, w, 0.0, 3.0, scale, random);
                 assert!(t[0] >= 0.0 && t[1] == t[0]);
@@ -86,7 +87,7 @@ fn pieces_add_up_to_the_way() {
     let rate = Rate { by_value: 40.0, floor: 4.0 };
     let sum = |grid: &Grid, o: DVec3, w: DVec3, u: f64| {
         let (mut sum, mut length, mut points) = (0.0, 0.0, 0);
-        grid.pieces(o, w, 0.0, 3.0, rate, u, |piece| match piece {
+        grid.pieces(o, w, 0.0, 3.0, Some((rate, u)), |piece| match piece {
             Piece::Whole(span) => {
                 sum += grid.integrate_span(&span, o, w)[0];
                 length += span.t1 - span.t0;
@@ -132,7 +133,7 @@ fn steps_follow_the_depth_and_not_the_voxels() {
         for (o, w) in rays(300) {
             flight += grid.thin_spans(o, w, 0.0, 3.0, 1.0 / scale).count();
             let rate = Rate { by_value: 4.0 * scale, floor: 4.0 };
-            grid.pieces(o, w, 0.0, 3.0, rate, 0.5, |_| points += 1);
+            grid.pieces(o, w, 0.0, 3.0, Some((rate, 0.5)), |_| points += 1);
             exact += grid.single_spans(o, w, 0.0, 3.0).count();
         }
         [flight, points, exact].map(|n| n as f64)

@@ -1,0 +1,79 @@
+//! Grids far finer than a mean free path: shadow rays by residual tracking, depths differentiated at drawn points.
+
+use crate::common::{check, estimate, params, run, scene};
+use std::f64::consts::PI;
+use tyndall::math::{DVec3, Rgb};
+use tyndall::render::driver::Mode;
+
+/// A column of density 1 + 0.9 sin(2 pi z), z from 0 to 1.
+fn column(dir: &std::path::Path) -> String {
+    let n = 128;
+    let at = |k: usize| (1.0 + 0.9 * (2.0 * PI * (k as f64 + 0.5) / n as f64).sin()) as f32;
+    let values = (0..n).map(at).collect();
+    let vol = tyndall::medium::grid::vol::Vol { res: [1, 1, n], channels: 1, bbox: [[0.0; 3], [1.0; 3]], values };
+    let path = dir.join("column.vol");
+    vol.write(&path).unwrap();
+    path.display().to_string()
+}
+
+/// Two such clouds, one over the other, between the sun and a white floor that a camera below them looks at.
+fn clouds(dir: &std::path::Path) -> String {
+    let file = column(dir);
+    let medium = |id: &str, z: f64| {
+        format!(
+            r#"<medium type="heterogeneous" id="{id}"><float name="scale" value="$scale"/><rgb name="albedo" value="0"/>
+            <volume name="sigma_t" type="gridvolume"><string name="filename" value="{file}"/>
+            <transform name="to_world"><translate x="-0.5" y="-0.5"/><scale x="10" y="10" z="1"/><translate z="{z}"/></transform></volume></medium>
+            <shape type="cube"><transform name="to_world"><translate z="1"/><scale x="5" y="5" z="0.5"/><translate z="{z}"/></transform>
+            <bsdf type="null"/><ref name="interior" id="{id}"/></shape>"#
+        )
+    };
+    format!(
+        r#"<scene version="3.0.0"><default name="scale" value="2"/><integrator type="volpath"/>{}{}
+        <sensor type="orthographic"><transform name="to_world"><scale x="1e-3" y="1e-3"/><lookat origin="0, 0, 0.5" target="0, 0, 0" up="0, 1, 0"/></transform>
+          <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="box"/></film></sensor>
+        <shape type="rectangle"><transform name="to_world"><scale value="20"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf></shape>
+        <emitter type="directional"><vector name="direction" value="0.3, 0, -1"/><rgb name="irradiance" value="1"/></emitter></scene>"#,
+        medium("low", 1.0),
+        medium("high", 3.0)
+    )
+}
+
+/// Transmittances of both clouds on one shadow ray are independent: their product is that of their means.
+#[test]
+fn two_clouds_on_one_shadow_ray() {
+    let dir = tempfile::tempdir().unwrap();
+    let (desc, sc) = scene(&clouds(dir.path()));
+    let toward = -DVec3::new(0.3, 0.0, -1.0).normalize();
+    let depth: f64 = sc.media.iter().map(|m| m.density_integral(DVec3::ZERO, toward, 0.0, 9.0)[0]).sum();
+    let o = run(&sc, 1 << 14, 1, Mode::Forward(&params(&desc, &sc, &["scale"])));
+    let t = (-2.0 * depth).exp();
+    let l = 0.8 / PI * toward.z * t;
+    let value = estimate(&o, 0);
+    assert!(value.error[0] > 1e-5 * l, "no estimate: {}", value.error[0]);
+    check("L", &value, l, 0.003);
+    check("dL/dscale", &estimate(&o, 1), -depth * l, 0.003);
+}
+
+/// By all voxels of a fine grid together, and by its scale: the same samples, so the same to rounding ([T] section 11, free identities).
+#[test]
+fn voxels_add_up_to_the_scale() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = clouds(dir.path()).replace(r#"<rgb name="albedo" value="0"/>"#, r#"<rgb name="albedo" value="0.7"/>"#);
+    let (desc, mut sc) = scene(&text);
+    let p = params(&desc, &sc, &["scale"]);
+    let o = run(&sc, 64, 3, Mode::Forward(&p));
+    let forward = 2.0 * estimate(&o, 1).value[0];
+    let names = ["low.sigma_t.grid".to_string(), "high.sigma_t.grid".to_string()];
+    sc.open(&desc, &names).unwrap();
+    let p = sc.param_set(&desc, &names).unwrap();
+    let adjoint = vec![Rgb([1.0 / 16.0, 0.0, 0.0]); 16];
+    let g = run(&sc, 64, 3, Mode::Reverse(&p, &adjoint)).gradient.unwrap().0;
+    let sum: f64 = p
+        .arrays
+        .iter()
+        .flat_map(|a| g[a.range()].iter().enumerate())
+        .map(|(k, g)| g * f64::from((1.0 + 0.9 * (2.0 * PI * (k as f64 + 0.5) / 128.0).sin()) as f32))
+        .sum();
+    assert!((sum / forward - 1.0).abs() < 1e-9, "{sum} {forward}");
+}
