@@ -2,7 +2,8 @@
 
 use crate::common::{check, estimate, params, run, scene};
 use std::f64::consts::PI;
-use tyndall::math::{DVec3, Rgb};
+use tyndall::math::{DAffine3, DVec3, Rgb};
+use tyndall::native::vdb;
 use tyndall::render::driver::Mode;
 
 /// A column of density 1 + 0.9 sin(2 pi z), z from 0 to 1.
@@ -76,4 +77,57 @@ fn voxels_add_up_to_the_scale() {
         .map(|(k, g)| g * f64::from((1.0 + 0.9 * (2.0 * PI * (k as f64 + 0.5) / 128.0).sin()) as f32))
         .sum();
     assert!((sum / forward - 1.0).abs() < 1e-9, "{sum} {forward}");
+}
+
+/// Voxels, a light that moves and the grid's own place in one gradient: scalars are those of forward mode, voxels add up to the scale, to rounding.
+#[test]
+fn voxels_beside_things_that_move() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.vdb");
+    let density = |i: usize| (0.2 + 0.8 * ((i as f64).sin().abs())) as f32;
+    let leaf = |k: i32| vdb::Leaf {
+        origin: [8 * (k & 1), 8 * (k >> 1 & 1), 8 * (k >> 2 & 1)],
+        active: [u64::MAX; 8],
+        values: (0..512).map(|i| density(i + 37 * k as usize)).collect(),
+    };
+    let grid = vdb::WriteGrid {
+        name: "density".into(),
+        channels: 1,
+        world_from_index: DAffine3::from_scale(DVec3::splat(1.0 / 16.0)),
+        background: 0.0,
+        leaves: (0..8).map(leaf).collect(),
+        tiles: vec![],
+        class: "fog volume".into(),
+        half: false,
+    };
+    vdb::write(&path, &[grid]).unwrap();
+    let text = format!(
+        r#"<scene version="3.0.0"><default name="scale" value="3"/><default name="x" value="0.1"/><default name="light" value="1.8"/><integrator type="volpath"/>
+        <medium type="heterogeneous" id="m"><float name="scale" value="$scale"/><rgb name="albedo" value="0.7"/>
+        <volume name="sigma_t" type="openvdb"><string name="filename" value="{}"/>
+        <transform name="to_world"><translate x="$x"/></transform></volume></medium>
+        <shape type="cube"><transform name="to_world"><scale value="0.8"/><translate x="0.5" y="0.5" z="0.5"/></transform><bsdf type="null"/><ref name="interior" id="m"/></shape>
+        <sensor type="perspective"><float name="fov" value="30"/><transform name="to_world"><lookat origin="0.5, 0.4, -3" target="0.5, 0.5, 0.5" up="0, 1, 0"/></transform>
+          <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/><rfilter type="box"/></film></sensor>
+        <emitter type="point"><point name="position" x="0.3" y="$light" z="0.4"/><rgb name="intensity" value="5"/></emitter></scene>"#,
+        path.display()
+    );
+    let (desc, mut sc) = scene(&text);
+    let names = ["scale", "x", "light"];
+    let p = params(&desc, &sc, &names);
+    let o = run(&sc, 16, 3, Mode::Forward(&p));
+    let forward = [1, 2, 3].map(|k| estimate(&o, k).value[0]);
+    let all: Vec<String> = names.iter().copied().chain(["m.sigma_t.grid"]).map(String::from).collect();
+    sc.open(&desc, &all).unwrap();
+    let p = sc.param_set(&desc, &all).unwrap();
+    let adjoint = vec![Rgb([1.0 / 64.0, 0.0, 0.0]); 64];
+    let g = run(&sc, 16, 3, Mode::Reverse(&p, &adjoint)).gradient.unwrap().0;
+    for (k, (own, forward)) in p.pull_back(&g).iter().zip(forward).enumerate() {
+        assert!((own / forward - 1.0).abs() < 1e-9 && forward != 0.0, "{k}: {own} {forward}");
+    }
+    let media = &sc.media[0];
+    let values: Vec<f64> = media.density_grid().unwrap().field().active().collect();
+    let sum: f64 = g[p.arrays[0].range()].iter().zip(&values).map(|(g, v)| g * v).sum();
+    assert_eq!(values.len(), 4096);
+    assert!((sum / (3.0 * forward[0]) - 1.0).abs() < 1e-9, "{sum} {}", 3.0 * forward[0]);
 }
