@@ -123,7 +123,7 @@ pub struct Medium {
     pub gray: bool,
 }
 
-/// Points a collision at which the depth of fine grids is differentiated: that share of a collision's variance they add at most.
+/// Points a mean free path at which the depth of fine grids is differentiated: as many times less than the variance of a collision's score is what they add, at most.
 const DENSER: f64 = 4.0;
 
 /// A sink that is a function.
