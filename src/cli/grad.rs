@@ -323,15 +323,18 @@ fn write_voxels(path: &Path, params: &ParamSet, setup: &Setup, slots: &[f64], lo
     for a in &params.arrays {
         grids.extend(setup.scene.in_grid(&setup.desc, a, &slots[a.range()])?);
     }
-    let beyond = |x: &&f64| x.is_finite() && !(**x as f32).is_finite() || **x != 0.0 && **x as f32 == 0.0;
-    let lost = params.arrays.iter().filter(|a| arrays::is_voxels(&a.name)).flat_map(|a| &slots[a.range()]);
-    let count = lost.clone().count();
-    match lost.filter(beyond).count() {
-        0 => {}
-        n => log.warn(format!(
-            "{}: of {count} gradients, {n} too large or too small for single precision, written as infinite or 0; scale the loss or the adjoint picture",
-            path.display()
-        )),
+    let voxels = || params.arrays.iter().filter(|a| arrays::is_voxels(&a.name)).flat_map(|a| &slots[a.range()]);
+    let (count, largest) = (voxels().count(), voxels().fold(0.0f64, |m, x| m.max(x.abs())));
+    let infinite = voxels().filter(|x| x.is_finite() && !(**x as f32).is_finite()).count();
+    // Beside the largest ones rounding leaves nothing of those that vanish.
+    let zero = voxels().filter(|x| x.abs() > 1e-7 * largest && **x as f32 == 0.0).count();
+    for (n, what, value) in [(infinite, "large", "infinite"), (zero, "small", "0")] {
+        if n > 0 {
+            log.warn(format!(
+                "{}: of {count} gradients, {n} too {what} for single precision, written as {value}; scale the loss or the adjoint picture",
+                path.display()
+            ));
+        }
     }
     vdb::write(path, &grids)
 }
