@@ -1,7 +1,8 @@
 //! Grids far finer than a mean free path: shadow rays by residual tracking, depths differentiated at drawn points.
 
-use crate::common::{check, estimate, params, run, scene};
+use crate::common::{check, estimate, params, run, scene, scene_with};
 use std::f64::consts::PI;
+use tyndall::error::WarningKind;
 use tyndall::math::{DAffine3, DVec3, Rgb};
 use tyndall::native::vdb;
 use tyndall::render::driver::Mode;
@@ -130,4 +131,22 @@ fn voxels_beside_things_that_move() {
     let sum: f64 = g[p.arrays[0].range()].iter().zip(&values).map(|(g, v)| g * v).sum();
     assert_eq!(values.len(), 4096);
     assert!((sum / (3.0 * forward[0]) - 1.0).abs() < 1e-9, "{sum} {}", 3.0 * forward[0]);
+}
+
+/// Free paths shorter than positions resolve are told, for grids and without.
+#[test]
+fn media_too_dense_for_positions_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = clouds(dir.path());
+    let dense = |scale: &str| {
+        let (_, sc) = scene_with(&text, &[("scale", scale)]);
+        let own = sc.warnings.iter().filter(|w| w.kind == WarningKind::UnlikelyValue);
+        own.map(|w| w.what.clone()).collect::<Vec<_>>()
+    };
+    assert!(dense("2").is_empty() && dense("1e12").is_empty());
+    let found = dense("1e16");
+    assert!(
+        found.len() == 2 && found[0].contains("`low`") && found[0].contains("free paths are 5.3e-17 long"),
+        "{found:?}"
+    );
 }
