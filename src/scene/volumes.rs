@@ -45,7 +45,7 @@ impl Loading<'_> {
         Warning {
             kind: WarningKind::RepairedVoxels,
             span: self.span.clone(),
-            what: format!("{file}: repaired voxels, 0 now{large}: {} ({n})", n.total()),
+            what: format!("{file}: {} voxels were repaired and are 0 now{large}: {n}", n.total()),
             hint: "correct the file to be sure of the picture".into(),
         }
     }

@@ -127,7 +127,7 @@ fn m1_turning_light() {
         &text[end..]
     );
     let text = text.replacen("<default", &format!(r#"<default name="turn" value="{turn}"/><default"#), 1);
-    let r = forward(&text, &["turn"], 1 << 18);
+    let r = forward(&text, &["turn"], 1 << 16);
     check("L(0.8)", &r[0], 0.058275853718, 0.005);
     check("dL/dturn", &r[1], 0.0754361044 * 0.8 * PI / 180.0, 0.005);
 }

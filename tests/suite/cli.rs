@@ -569,7 +569,7 @@ fn broken_voxels_are_refused_or_repaired() {
     );
     assert!(!b.path("a.exr").exists());
     let r = b.expect(0, "render broken.xml --repair-voxels --spp 4 -o a.exr");
-    assert!(r.stderr.contains("repaired voxels, 0 now: 1 (1 NaN)"), "{}", r.stderr);
+    assert!(r.stderr.contains("1 voxels were repaired and are 0 now: 1 NaN"), "{}", r.stderr);
     let report: serde_json::Value = serde_json::from_slice(&fs::read(b.path("a.json")).unwrap()).unwrap();
     let told = report["warnings"].as_array().unwrap();
     let repaired = told.iter().find(|w| w["kind"] == "repaired_voxels").unwrap();

@@ -48,7 +48,7 @@ fn two_clouds_on_one_shadow_ray() {
     let (desc, sc) = scene(&clouds(dir.path()));
     let toward = -DVec3::new(0.3, 0.0, -1.0).normalize();
     let depth: f64 = sc.media.iter().map(|m| m.density_integral(DVec3::ZERO, toward, 0.0, 9.0)[0]).sum();
-    let o = run(&sc, 1 << 14, 1, Mode::Forward(&params(&desc, &sc, &["scale"])));
+    let o = run(&sc, 1 << 13, 1, Mode::Forward(&params(&desc, &sc, &["scale"])));
     let t = (-2.0 * depth).exp();
     let l = 0.8 / PI * toward.z * t;
     let value = estimate(&o, 0);
