@@ -336,6 +336,14 @@ fn write_voxels(path: &Path, params: &ParamSet, setup: &Setup, slots: &[f64], lo
             ));
         }
     }
+    let vanish = voxels().filter(|x| **x != 0.0 && **x as f32 == 0.0).count();
+    if vanish > zero {
+        log.detail(format!(
+            "{}: {} gradients below 1e-7 of the largest are written as 0",
+            path.display(),
+            vanish - zero
+        ));
+    }
     vdb::write(path, &grids)
 }
 

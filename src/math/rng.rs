@@ -108,8 +108,8 @@ impl Rng {
     }
 
     /// A stream apart, by where this one is; it goes on as if nothing had been asked of it.
-    pub fn apart(&self) -> Self {
-        Rng::keyed(self.s[0], Purpose::Apart as u64, self.s[1], self.s[3])
+    pub fn apart(&self) -> Apart {
+        Apart { key: [self.s[0], self.s[1], self.s[3]], own: None }
     }
 
     #[inline]
@@ -138,6 +138,21 @@ impl Rng {
     #[inline]
     pub fn exponential(&mut self) -> f64 {
         exponential_from(self.uniform())
+    }
+}
+
+/// A stream of random numbers of random number, begun when the first is asked for ([`Rng::apart`]).
+#[derive(Clone, Debug)]
+pub struct Apart {
+    key: [u64; 3],
+    own: Option<Rng>,
+}
+
+impl Apart {
+    #[inline]
+    pub fn rng(&mut self) -> &mut Rng {
+        let [a, b, c] = self.key;
+        self.own.get_or_insert_with(|| Rng::keyed(a, Purpose::Apart as u64, b, c))
     }
 }
 

@@ -3,7 +3,7 @@
 //! Over scalar slots every work item (a tile, a block of outward samples) has sums of its own, added in the items' order. Arrays may have millions of slots: there
 //! items share a bounded number of sums ([`ArraySum`]), whose number depends on the arrays' size alone. Item k adds to sum k mod n, one item after the other.
 //! Sums are begun one after the other too and added up in that order: those alive are the threads' own, and those that wait for a slower one before them.
-//! What no sample of a batch has touched costs nothing: [`Touched`].
+//! What no sample of a batch has touched costs nothing (`Total`).
 
 use crate::params::{ArraySum, Reverse};
 use std::collections::BTreeMap;
@@ -152,7 +152,7 @@ fn add(sum: &mut [f64], x: &[f64]) {
     sum.iter_mut().zip(x).for_each(|(a, b)| *a += b);
 }
 
-/// Of a sum of squares.
+/// Of a sum of squares: standard errors below 1e-7 of the mean are told as 0.
 const ROUNDING: f64 = 1e-14;
 
 /// Gradients of batches: their mean per sample, and its standard error.

@@ -1,6 +1,6 @@
 //! Distances in one medium: free flight and its weights.
 //!
-//! Homogeneous: exponential steps of the hero channel. Grids: delta tracking against the majorant of each brick, with
+//! Homogeneous: exponential steps of the hero channel. Grids: delta tracking against the majorant of each brick, or of several where they are thin, with
 //! the largest channel as majorant and per-channel weights [T] 8.1, 8.4; in gray bricks that are constant or of great contrast, where null
 //! collisions would pile up, the exact cubic depth is inverted instead. Both have the density `sigma_t T`. The weights of gray media are
 //! exactly 1 and the albedo: nothing is divided.

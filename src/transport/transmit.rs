@@ -9,7 +9,7 @@ use super::record::{MediumSpan, Recorder};
 use super::tracking;
 use super::walk::Walker;
 use crate::light::Arrival;
-use crate::math::rng::Rng;
+use crate::math::rng::{Apart, Rng};
 use crate::math::{DVec3, Rgb};
 use crate::medium::Volume;
 use crate::scene::{March, On, Scene};
@@ -19,8 +19,8 @@ pub fn one_span(scene: &Scene, span: &MediumSpan) -> Rgb {
     tracking::depth(&scene.media[span.medium as usize], span).map(|d| (-d).exp())
 }
 
-/// The same, an unbiased estimate whose cost does not follow the size of voxels; one of several whose product is wanted must not begin `random` anew.
-fn estimate<'a>(scene: &Scene, span: &MediumSpan, random: impl FnOnce() -> &'a mut Rng) -> Rgb {
+/// The same, an unbiased estimate whose cost does not follow the size of voxels. Spans whose transmittances are multiplied share one stream: begun anew for each it would not be independent.
+fn estimate(scene: &Scene, span: &MediumSpan, random: &mut Apart) -> Rgb {
     let m = &scene.media[span.medium as usize];
     match &m.density {
         Volume::Grid(g) => Rgb(g.transmittance(span.o, span.w, span.t0, span.t1, m.scale, random)),
@@ -66,15 +66,14 @@ pub fn through<R: Recorder>(
     let scene = w.scene;
     let mut ray = March::new(p, a.w, *on, medium);
     let (mut t, mut tau) = (Rgb::ONE, Rgb::ZERO);
-    // One stream for all spans, begun where one asks.
-    let mut apart = None;
+    let mut apart = random.map(Rng::apart);
     // Null interfaces only: whatever is opaque was asked above.
     for met in 0..scene.max_interfaces {
         let left = ray.left(a.distance);
         let hit = ray.boundary(scene, left);
         if let Some(span) = MediumSpan::ahead(&ray, left, hit.as_ref()) {
-            t *= match random {
-                Some(r) => estimate(scene, &span, || apart.get_or_insert_with(|| r.apart())),
+            t *= match &mut apart {
+                Some(apart) => estimate(scene, &span, apart),
                 None => one_span(scene, &span),
             };
             let m = &scene.media[span.medium as usize];

@@ -133,7 +133,7 @@ fn voxels_beside_things_that_move() {
     assert!((sum / (3.0 * forward[0]) - 1.0).abs() < 1e-9, "{sum} {}", 3.0 * forward[0]);
 }
 
-/// Free paths shorter than positions resolve are told, for grids and without.
+/// Free paths shorter than positions resolve are told.
 #[test]
 fn media_too_dense_for_positions_are_told() {
     let dir = tempfile::tempdir().unwrap();

@@ -341,16 +341,11 @@ impl Grid {
         SpanIter::new(self, Ray::new(self, o, w), t0, t1, true, |_, [min, max]: [f32; 2]| min == max)
     }
 
-    /// The same, larger pieces ([`Span::large`]) also where the integral of channels over one is less than `thin` whatever the way through it.
+    /// The same, larger pieces ([`Span::large`]) also where the integral of channels over one is at most `thin` along a way as long as its side.
     pub fn thin_spans(&self, o: DVec3, w: DVec3, t0: f64, t1: f64, thin: f64) -> SpanIter<'_, impl Whole> {
         let ray = Ray::new(self, o, w);
         let bound = thin * DVec3::from(ray.d).length();
         let whole = move |level, [min, max]: [f32; 2]| min == max || f64::from(max) * Grid::side(level) <= bound;
-        SpanIter::new(self, ray, t0, t1, true, whole)
-    }
-
-    /// The same, larger pieces where `whole` takes what a node of the pyramid holds for one.
-    pub(super) fn large_spans<W: Whole>(&self, ray: Ray, t0: f64, t1: f64, whole: W) -> SpanIter<'_, W> {
         SpanIter::new(self, ray, t0, t1, true, whole)
     }
 
