@@ -196,6 +196,11 @@ impl Scene {
         self.has_local_lights() || self.has_beams()
     }
 
+    /// Whether the cells of fine grids need not be crossed by camera lines: nothing competes with their collisions, and nothing glows on them.
+    pub fn flies_lines(&self) -> bool {
+        !self.weighs_flights() && self.media.iter().all(|m| m.emission.is_none())
+    }
+
     pub fn has_beams(&self) -> bool {
         !self.beams.ways.is_empty()
     }

@@ -4,11 +4,13 @@
 //! transmittance, the scattered part is a collision forced inside the line (density `sigma_t T / (1 - T_end)`, truncated
 //! exponential, [T] section 9). Thin media then lose no sample, and a white furnace is exact. Where the line ends on a
 //! reflecting surface one of the two parts is followed, chosen with a probability near its transmittance.
+//!
+//! Through fine grids the depth is one of bounds, G ([`Line::push_bounds`]): `e^-G` of the light passes for certain, and for the rest the first *tentative* collision is forced; the flight
+//! goes on from there to a collision, or past all of the line after all. Both have the density of a flight, so nothing is weighed, and a white furnace is still exact.
 
-use super::line::{Line, Part};
+use super::line::{Forced, Line, Part};
 use super::poles::Poles;
 use super::record::{Event, MediumSpan, Recorder};
-use super::tracking::{self, Forced};
 use super::walk::{Flight, Stage, State, Walker};
 use super::{beam, connect, glow};
 use crate::math::Rgb;
@@ -22,6 +24,8 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     // Of this line only, not of those behind interfaces.
     let poles = s.poles.take().filter(|_| R::ON);
     let mut ray = March::new(s.o, s.w, s.on, s.medium);
+    let scatters = w.may_scatter(s.depth + 1);
+    let bounds = scatters && scene.flies_lines() && poles.as_ref().is_none_or(|p| p.drawn.is_none());
     let mut line = Line::default();
     let mut crossings = 0;
     let end = loop {
@@ -32,7 +36,7 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
                 // No inverse for three extinctions at once: walk instead.
                 return State { stage: Stage::Fly, direct: false, ..s };
             }
-            line.push(scene, span);
+            if bounds { line.push_bounds(scene, span) } else { line.push(scene, span) }
         }
         let Some(h) = hit else { break None };
         let goes_on = scene.passes(&h) && scene.shapes[h.shape as usize].light.is_none();
@@ -46,6 +50,9 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
         }
         ray.pass(scene, &h);
     };
+    if line.bounded && line.chromatic {
+        line = line.exact(scene);
+    }
     (s.o, s.on, s.medium) = (ray.o, ray.on, ray.medium);
     let Line { parts: pieces, total, .. } = &line;
     let total = *total;
@@ -58,19 +65,17 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     for k in 0..pieces.len() {
         glow::on_line(w, &mut s, &pieces[..=k], prefix, chain);
     }
-    if R::ON {
-        for p in pieces {
-            let at = |depth: Rgb| prefix * depth.map(|t| (-t).exp());
-            let (start, end) = (at(p.before), at(p.before + p.depth));
+    if w.rec.wants_ends() {
+        for (k, p) in pieces.iter().enumerate() {
+            let [start, end] = [k, k + 1].map(|k| prefix * line.exact_before(scene, k).map(|t| (-t).exp()));
             w.rec.push(Event::Ends { span: p.span, start, end, depth: s.depth });
         }
     }
-    let scatters = w.may_scatter(s.depth + 1);
     let waiting = s.pending.take();
     let share = scatter_probability(w, pieces, &end, transmitted, scatters);
     if scatters {
         for k in 0..pieces.len() {
-            side_estimates(w, &mut s, &pieces[..=k], prefix, share, total);
+            side_estimates(w, &mut s, &line, k, prefix, share);
         }
     }
 
@@ -85,17 +90,26 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
         }
     }
     if scattered {
-        chain(w, &s);
         let p = if both { 1.0 } else { share.scatter };
-        let mut c = force_collision(w, s, &line, p, poles.as_deref());
-        c.pending = match record_passing(w, passing, pieces, true) {
-            Some(passing) => Some(Box::new(State { pending: waiting, ..passing })),
+        let mut c = if line.bounded {
+            force_flight(w, s, &line, p, end, poles.as_deref())
+        } else {
+            force_collision(w, s, &line, p, poles.as_deref())
+        };
+        c.pending = match passing {
+            Some(passing) => {
+                let passing = record_passing(w, passing, pieces, true);
+                Some(Box::new(State { pending: waiting, ..passing }))
+            }
             None => waiting,
         };
         return c;
     }
-    let idle = State { stage: Stage::Done, ..s };
-    State { pending: waiting, ..record_passing(w, passing, pieces, false).unwrap_or(idle) }
+    let last = match passing {
+        Some(passing) => record_passing(w, passing, pieces, false),
+        None => State { stage: Stage::Done, ..s },
+    };
+    State { pending: waiting, ..last }
 }
 
 #[derive(Clone, Copy)]
@@ -125,21 +139,18 @@ fn scatter_probability<R: Recorder>(
     }
 }
 
-/// The equi-angular connection and the candidate of a derivative vertex on the last of `pieces`.
-fn side_estimates<R: Recorder>(
-    w: &mut Walker<R>,
-    s: &mut State,
-    pieces: &[Part],
-    prefix: Rgb,
-    share: Share,
-    total: Rgb,
-) {
-    let Some((piece, lead)) = pieces.split_last() else { return };
-    let before = piece.before.map(|t| (-t).exp());
+/// The equi-angular connection and the candidate of a derivative vertex on part `k`.
+fn side_estimates<R: Recorder>(w: &mut Walker<R>, s: &mut State, line: &Line, k: usize, prefix: Rgb, share: Share) {
+    let connects = R::CONNECTS && w.scene.draws_on_spans();
+    if !connects && !R::ON {
+        return;
+    }
+    let (piece, lead, total) = (&line.parts[k], &line.parts[..k], line.total);
+    let before = line.exact_before(w.scene, k).map(|t| (-t).exp());
     if before.is_zero() {
         return;
     }
-    if R::CONNECTS && w.scene.draws_on_spans() {
+    if connects {
         chain(w, s);
         let density = |scene: &Scene, t: f64| piece.forced_density(scene, total, t).mean() * share.scatter;
         if w.scene.has_local_lights() {
@@ -152,11 +163,12 @@ fn side_estimates<R: Recorder>(
         beam::on_span(w, s, &piece.span, prefix * before, Some(lead), density, None);
     }
     if let Some(rng) = w.rec.candidate_rng() {
-        let m = &w.scene.media[piece.span.medium as usize];
-        if let Some((t, weight)) = tracking::transmittance_point(m, &piece.span, piece.depth, rng) {
+        if let Some((t, weight)) = piece.transmittance_point(w.scene, [piece.span.t0, piece.span.t1], rng) {
             let p = piece.span.o + piece.span.w * t;
             let weight = prefix * before * weight;
-            let density = piece.forced_density(w.scene, total, t).mean() * share.scatter;
+            // Only competing connections ask for it.
+            let weighs = w.scene.weighs_flights();
+            let density = if weighs { piece.forced_density(w.scene, total, t).mean() * share.scatter } else { 0.0 };
             let flight = Flight { span: Some(piece.span), density, reach: None, drawn: s.drawn };
             let (medium, depth) = (piece.span.medium, s.depth);
             w.rec.push(Event::Candidate { medium, p, w: piece.span.w, weight, flight, depth });
@@ -170,12 +182,10 @@ fn side_estimates<R: Recorder>(
 fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p: f64, poles: Option<&Poles>) -> State {
     let scene = w.scene;
     let (pieces, total) = (&line.parts, line.total);
-    let Some(Forced { piece: k, t, hero }) = collision(scene, &mut s, line, poles) else {
+    let Some(Forced { piece: k, t, hero, .. }) = collision(scene, &mut s, line, poles) else {
         return State { stage: Stage::Done, ..s };
     };
-    if let Some(poles) = poles {
-        w.rec.push(Event::Share(poles.share(scene, line, k, t)));
-    }
+    let share = poles.map(|poles| poles.share(scene, line, k, t));
     let piece = &pieces[k];
     let m = &scene.media[piece.span.medium as usize];
     let point = piece.span.o + piece.span.w * t;
@@ -185,8 +195,7 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
     if gray {
         s.beta *= m.albedo_at(point) * (-(-total[0]).exp_m1() / p);
     } else {
-        let part = piece.span.until(t);
-        let depth = piece.before + tracking::depth(m, &part);
+        let depth = piece.depth_to(scene, t);
         let (_, sigma_s) = m.coefficients(point);
         let d = density[hero];
         // The hero is one of the channels that collide at all; `beta / mean(r)` takes it for one of three.
@@ -197,14 +206,47 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
     s.hero = hero;
     s.start = before * total.map(|t| -(-t).exp_m1()).max() / p;
     s.flight = Flight { span: Some(piece.span), density: density.mean() * p, reach: None, drawn: s.drawn };
+    collide(w, s, line, k, t, share)
+}
+
+/// The first tentative collision inside a line of bounds, and the flight from there on.
+fn force_flight<R: Recorder>(
+    w: &mut Walker<R>,
+    mut s: State,
+    line: &Line,
+    p: f64,
+    end: Option<Hit>,
+    poles: Option<&Poles>,
+) -> State {
+    let scene = w.scene;
+    let mut apart = s.rng.apart();
+    let tentative = line.force(scene, &mut s.rng);
+    s.beta *= -(-line.total[0]).exp_m1() / p;
+    s.start = s.beta.max();
+    let Some((k, t)) = line.fly_on(scene, &tentative, &mut apart, &mut s) else {
+        let beta = s.beta;
+        return record_passing(w, unscattered(s, end, beta), &line.parts, false);
+    };
+    let share = poles.map(|poles| poles.share(scene, &line.exact(scene), k, t));
+    s.flight = Flight { span: Some(line.parts[k].span), density: 0.0, reach: None, drawn: s.drawn };
+    collide(w, s, line, k, t, share)
+}
+
+/// The line's collision, at `t` of part `k`. `share`: [`Poles::share`].
+fn collide<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, k: usize, t: f64, share: Option<f64>) -> State {
+    chain(w, &s);
+    if let Some(share) = share {
+        w.rec.push(Event::Share(share));
+    }
+    let (piece, before) = (&line.parts[k], &line.parts[..k]);
     if R::ON {
-        for q in &pieces[..k] {
+        for q in before {
             w.rec.push(Event::Span { span: q.span, prefix: None });
         }
         w.rec.push(Event::Span { span: piece.span.until(t), prefix: None });
     }
     s.medium = Some(piece.span.medium);
-    s.o = point;
+    s.o = piece.span.o + piece.span.w * t;
     s.on = On::default();
     s.stage = Stage::Medium;
     s
@@ -217,7 +259,7 @@ fn collision(scene: &Scene, s: &mut State, line: &Line, poles: Option<&Poles>) -
     // The channel that leads only sets the scale of weights here; the largest has no gap where another collides.
     let density = line.density(scene, piece, t);
     let hero = if line.chromatic { (1..3).fold(0, |a, c| if density[c] > density[a] { c } else { a }) } else { 0 };
-    (density[hero] > 0.0).then_some(Forced { piece, t, hero })
+    (density[hero] > 0.0).then_some(Forced { piece, t, hero, bound: None })
 }
 
 /// A new chain begins, with what the camera line has crossed so far.
@@ -246,18 +288,12 @@ fn unscattered(mut s: State, end: Option<Hit>, beta: Rgb) -> State {
 }
 
 /// Remember which spans the unscattered part crossed, so that the sweep can score them.
-fn record_passing<R: Recorder>(
-    w: &mut Walker<R>,
-    passing: Option<State>,
-    pieces: &[Part],
-    pending: bool,
-) -> Option<State> {
-    let mut s = passing?;
+fn record_passing<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Part], pending: bool) -> State {
     if R::ON {
         lengthen(&mut s, pieces.iter().map(|p| Event::Span { span: p.span, prefix: None }));
         if !pending {
             chain(w, &s);
         }
     }
-    Some(s)
+    s
 }

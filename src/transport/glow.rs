@@ -104,8 +104,8 @@ pub(super) fn on_line<R: Recorder>(
     if hi <= lo {
         return;
     }
-    let within = MediumSpan { t0: lo, t1: hi, ..span };
-    let (before, depth) = (tracking::depth(m, &span.until(lo)), tracking::depth(m, &within));
+    let before = part.depth_within(w.scene, lo);
+    let depth = part.depth_within(w.scene, hi) - before;
     let prefix = prefix * (part.before + before).map(|t| (-t).exp());
     let mut points = [None; 2];
     match &m.density {
@@ -122,19 +122,18 @@ pub(super) fn on_line<R: Recorder>(
                 emit(w, &lead_of::<R>(lead), span, lo + t.min(hi - lo), prefix * one * total, s.depth, None);
             }
         }
-        Volume::Constant(_) => points[0] = tracking::transmittance_point(m, &within, depth, &mut s.rng),
-        Volume::Grid(g) => {
+        Volume::Constant(_) => points[0] = part.transmittance_point(w.scene, [lo, hi], &mut s.rng),
+        Volume::Grid(_) => {
             let kept = -(-depth[0]).exp_m1();
             let density = |t: f64| m.coefficients(span.o + span.w * t).0[0];
             // Over T: σ_t / (1 - T(hi)) of the collision, κ of the track length.
             let weight = |t: f64| if kept > 0.0 { 1.0 / (density(t) / kept + m.kappa) } else { 1.0 / m.kappa };
-            if let Some((t, length)) = tracking::transmittance_point(m, &within, depth, &mut s.rng) {
+            if let Some((t, length)) = part.transmittance_point(w.scene, [lo, hi], &mut s.rng) {
                 points[0] = Some((t, length * (m.kappa * weight(t))));
             }
             let u = s.rng.uniform();
             if kept > 0.0 {
-                let target = tracking::truncated(u, depth[0]);
-                let t = g.invert(span.o, span.w, lo, hi, target / m.scale).unwrap_or(hi);
+                let t = part.at_depth(w.scene, 0, before[0] + tracking::truncated(u, depth[0])).min(hi);
                 points[1] = Some((t, Rgb::splat(weight(t))));
             }
         }

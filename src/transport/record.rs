@@ -259,6 +259,10 @@ pub trait Recorder {
     fn is_still(&self) -> bool {
         true
     }
+    /// Whether borders of media move, for which [`Event::Ends`] is.
+    fn wants_ends(&self) -> bool {
+        false
+    }
 }
 
 /// Writes nothing.
@@ -286,6 +290,8 @@ pub struct PathRecord {
     pub lights_only: bool,
     /// No vertex moves.
     pub still: bool,
+    /// Borders of media move.
+    pub borders: bool,
     /// What walks have added after at least one scattering.
     pub scattered: Rgb,
     /// Legs of all chains so far ([`Opening`]).
@@ -308,6 +314,7 @@ impl PathRecord {
             mirrors: None,
             lights_only: false,
             still: false,
+            borders: false,
             scattered: Rgb::ZERO,
             legs: Vec::new(),
             opening: Opening::default(),
@@ -417,6 +424,10 @@ impl Recorder for PathRecord {
 
     fn is_still(&self) -> bool {
         self.still
+    }
+
+    fn wants_ends(&self) -> bool {
+        self.borders
     }
 
     fn candidate_rng(&mut self) -> Option<&mut Rng> {

@@ -323,7 +323,7 @@ impl Sweep<'_> {
         });
         rec.chunk_starts.clear();
         (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
-        rec.still = !self.facts.moving.any();
+        (rec.still, rec.borders) = (!self.facts.moving.any(), self.facts.borders.any());
         rec.mirrors = self.facts.mirrors.then(|| self.facts.clone());
         state.aside = state.rng.beside(derivative.next_u64());
         let spans = Rng::keyed(derivative.next_u64(), Purpose::Derivative as u64, 0, 0);

@@ -9,6 +9,7 @@ use super::record::MediumSpan;
 use super::walk::State;
 use crate::math::Rgb;
 use crate::math::rng::Rng;
+use crate::medium::grid::Grid;
 use crate::medium::{Medium, Volume};
 
 /// Tentative collisions across a brick from which on its exact depth is inverted: that many steps cost more than its cells.
@@ -88,61 +89,75 @@ pub fn fly(m: &Medium, span: &MediumSpan, s: &mut State) -> Option<f64> {
         }
         Volume::Grid(grid) => {
             choose_hero(m, s);
-            let h = s.hero;
-            let mut bricks = grid.thin_spans(span.o, span.w, span.t0, span.t1, THIN / m.scale);
-            // Optical depth of the majorant up to the next tentative collision.
-            let mut left = s.rng.exponential();
-            while let Some(brick) = bricks.next() {
-                let majorant = brick.max * m.scale;
-                if majorant <= 0.0 {
-                    continue;
+            let State { rng, beta, r, hero: h, .. } = s;
+            // The null event was drawn, so majorant > sigma_t[h] there.
+            let null = |majorant: f64, sigma_t: Rgb| {
+                for c in 0..3 {
+                    let w = (majorant - sigma_t[c]) / (majorant - sigma_t[*h]);
+                    beta[c] *= w;
+                    r[c] *= w;
                 }
-                // For gray media only: nothing to weigh.
-                let dense = !brick.large && majorant * (brick.t1 - brick.t0) > EXACT_STEPS;
-                if m.gray && (brick.constant || dense) {
-                    match bricks.invert(&brick, left / m.scale) {
-                        Ok(t) => {
-                            s.beta *= m.albedo.at(span.o + span.w * t);
-                            return Some(t);
-                        }
-                        Err(depth) => {
-                            left = (left - depth * m.scale).max(0.0);
-                            continue;
-                        }
-                    }
+            };
+            let t = flight(m, grid, span, *h, rng, null)?;
+            let p = span.o + span.w * t;
+            let albedo = m.albedo.at(p);
+            if m.gray {
+                s.beta *= albedo;
+            } else {
+                let sigma_t = m.density.at(p) * m.scale;
+                for c in 0..3 {
+                    s.beta[c] *= sigma_t[c] * albedo[c] / sigma_t[s.hero];
+                    s.r[c] *= sigma_t[c] / sigma_t[s.hero];
                 }
-                let mut t = brick.t0;
-                while left < majorant * (brick.t1 - t) {
-                    t += left / majorant;
-                    let p = span.o + span.w * t;
-                    let sigma_t = m.density.at(p) * m.scale;
-                    if s.rng.uniform() * majorant < sigma_t[h] {
-                        let albedo = m.albedo.at(p);
-                        if m.gray {
-                            s.beta *= albedo;
-                        } else {
-                            for c in 0..3 {
-                                s.beta[c] *= sigma_t[c] * albedo[c] / sigma_t[h];
-                                s.r[c] *= sigma_t[c] / sigma_t[h];
-                            }
-                        }
-                        return Some(t);
-                    }
-                    if !m.gray {
-                        // The null event was drawn, so majorant > sigma_t[h] here.
-                        for c in 0..3 {
-                            let w = (majorant - sigma_t[c]) / (majorant - sigma_t[h]);
-                            s.beta[c] *= w;
-                            s.r[c] *= w;
-                        }
-                    }
-                    left = s.rng.exponential();
-                }
-                left -= majorant * (brick.t1 - t);
             }
-            None
+            Some(t)
         }
     }
+}
+
+/// A flight through a grid by channel `h`: where it collides. `null` is told of the null collisions of chromatic media, majorant and extinction.
+pub fn flight(
+    m: &Medium,
+    grid: &Grid,
+    span: &MediumSpan,
+    h: usize,
+    rng: &mut Rng,
+    mut null: impl FnMut(f64, Rgb),
+) -> Option<f64> {
+    let mut bricks = grid.thin_spans(span.o, span.w, span.t0, span.t1, THIN / m.scale);
+    // Optical depth of the majorant up to the next tentative collision.
+    let mut left = rng.exponential();
+    while let Some(brick) = bricks.next() {
+        let majorant = brick.max * m.scale;
+        if majorant <= 0.0 {
+            continue;
+        }
+        // For gray media only: nothing to weigh.
+        let dense = !brick.large && majorant * (brick.t1 - brick.t0) > EXACT_STEPS;
+        if m.gray && (brick.constant || dense) {
+            match bricks.invert(&brick, left / m.scale) {
+                Ok(t) => return Some(t),
+                Err(depth) => {
+                    left = (left - depth * m.scale).max(0.0);
+                    continue;
+                }
+            }
+        }
+        let mut t = brick.t0;
+        while left < majorant * (brick.t1 - t) {
+            t += left / majorant;
+            let sigma_t = m.density.at(span.o + span.w * t) * m.scale;
+            if rng.uniform() * majorant < sigma_t[h] {
+                return Some(t);
+            }
+            if !m.gray {
+                null(majorant, sigma_t);
+            }
+            left = rng.exponential();
+        }
+        left -= majorant * (brick.t1 - t);
+    }
+    None
 }
 
 /// Density per length of a collision at `t`, for MIS weights only: exact in homogeneous media (mean over channels);
@@ -187,80 +202,6 @@ pub fn depth(m: &Medium, span: &MediumSpan) -> Rgb {
     match &m.density {
         Volume::Constant(_) => m.sigma_t.map(|s| if s == 0.0 { 0.0 } else { s * (span.t1 - span.t0) }),
         Volume::Grid(_) => m.density_integral(span.o, span.w, span.t0, span.t1) * m.scale,
-    }
-}
-
-/// A collision forced inside a line of spans.
-pub struct Forced {
-    pub piece: usize,
-    pub t: f64,
-    pub hero: usize,
-}
-
-/// Invert the truncated exponential of the hero's optical depth over `(medium, span, depth before, depth inside)`
-/// ([T] section 9); gray grids only. `chromatic`: some medium's extinction differs between channels.
-pub fn force<'a>(
-    pieces: impl Iterator<Item = (&'a Medium, &'a MediumSpan, Rgb, Rgb)>,
-    total: Rgb,
-    chromatic: bool,
-    rng: &mut Rng,
-) -> Forced {
-    // Channels with nothing to collide with are never the hero.
-    let hero = if !chromatic || total.is_zero() {
-        0
-    } else {
-        let lit: Vec<usize> = (0..3).filter(|&c| total[c] > 0.0).collect();
-        lit[((rng.uniform() * lit.len() as f64) as usize).min(lit.len() - 1)]
-    };
-    let target = truncated(rng.uniform(), total[hero]);
-    let mut last = Forced { piece: 0, t: 0.0, hero };
-    for (k, (m, span, before, depth)) in pieces.enumerate() {
-        if depth[hero] <= 0.0 {
-            continue;
-        }
-        let local = (target - before[hero]).max(0.0);
-        let inside = local < depth[hero];
-        let t = match &m.density {
-            Volume::Constant(_) => (span.t0 + local / m.sigma_t[hero]).min(span.t1),
-            Volume::Grid(g) => g.invert(span.o, span.w, span.t0, span.t1, local / m.scale).unwrap_or(span.t1),
-        };
-        last = Forced { piece: k, t, hero };
-        if inside {
-            break;
-        }
-    }
-    last
-}
-
-/// A point of the span with density proportional (homogeneous) or related (grids) to transmittance, and its weight per channel:
-/// `E[weight g(t)] = integral of T g` [T] (53). `None` where the span is an unbounded vacuum.
-pub fn transmittance_point(m: &Medium, span: &MediumSpan, depth: Rgb, rng: &mut Rng) -> Option<(f64, Rgb)> {
-    let (c, u) = (((rng.uniform() * 3.0) as usize).min(2), rng.uniform());
-    let length = span.t1 - span.t0;
-    match &m.density {
-        Volume::Constant(_) => {
-            let sigma = m.sigma_t;
-            if length == f64::INFINITY && sigma.min() <= 0.0 {
-                return None;
-            }
-            // t = -log1p(-u (1 - e^{-sigma D})) / sigma, uniform where sigma D is tiny.
-            let t = if depth[c] < 1e-8 { u * length } else { -(-(u * -(-depth[c]).exp_m1())).ln_1p() / sigma[c] };
-            let density = Rgb::from_fn(|k| {
-                let total = if depth[k] < 1e-8 { length } else { -(-depth[k]).exp_m1() / sigma[k] };
-                (-sigma[k] * t).exp() / total
-            })
-            .mean();
-            Some((span.t0 + t, sigma.map(|x| (-x * t).exp()) * (1.0 / density)))
-        }
-        Volume::Grid(g) => {
-            // The walked part of an analog flight, a uniform point on it.
-            let (lo, hi) = g.clip_ray(span.o, span.w, span.t0, span.t1);
-            if hi <= lo {
-                return None;
-            }
-            let end = g.invert(span.o, span.w, lo, hi, rng.exponential() / m.scale).unwrap_or(hi);
-            Some((lo + u * (end - lo), Rgb::splat(end - lo)))
-        }
     }
 }
 

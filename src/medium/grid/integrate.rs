@@ -349,7 +349,7 @@ impl Grid {
 
     /// Go on over one span with the integral `sum` in front of it.
     #[inline(always)]
-    fn invert_span<const C: usize>(
+    pub(super) fn invert_span<const C: usize>(
         &self,
         ray: &Ray,
         span: &Span,

@@ -18,6 +18,7 @@ mod integrate;
 mod levels;
 mod nodes;
 mod pieces;
+mod profile;
 mod residual;
 mod roughness;
 #[cfg(test)]
@@ -35,6 +36,7 @@ pub use field::Field;
 pub use integrate::Slope;
 pub use nodes::NodeId;
 pub use pieces::{Piece, Rate};
+pub use profile::{Place, Profile};
 pub use traverse::{BrickRef, Span, SpanIter};
 
 use bricks::{BRICK, Bricks, ROW, SLAB, WINDOW};
@@ -254,13 +256,13 @@ impl Grid {
         self.triple_at(self.table_from_world.transform_point3(p_world))
     }
 
-    /// Scalar field (channel 0) at an index position.
     /// All channels, a scalar grid in each.
     #[inline]
     pub fn lookup_rgb(&self, p_world: DVec3) -> Rgb {
         if self.frame.channels == 1 { Rgb::splat(self.lookup(p_world)) } else { Rgb(self.lookup3(p_world)) }
     }
 
+    /// Scalar field (channel 0) at an index position.
     pub fn lookup_index(&self, p_index: DVec3) -> f64 {
         self.scalar_at(p_index - DVec3::from(self.frame.origin.map(f64::from)))
     }

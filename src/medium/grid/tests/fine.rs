@@ -120,22 +120,53 @@ fn pieces_add_up_to_the_way() {
     }
 }
 
-/// Spans, points and tentative collisions of the same field with four times as many voxels along each side.
+/// Profiles are the integral to the bit, bounds lie above the field, and either is where it says.
+#[test]
+fn profiles_hold_the_integral_and_bounds_more() {
+    let (grid, scale) = (soft(256), 10.0);
+    let (mut rng, mut bounds) = (Rng::keyed(6, 2, 4, 0), 0);
+    for (o, w) in rays(40) {
+        let exact = grid.profile(o, w, 0.0, 3.0).unwrap();
+        assert!(exact.total() == grid.integrate(o, w, 0.0, 3.0) && !exact.is_bound());
+        let above = grid.bounds(o, w, 0.0, 3.0, scale).unwrap();
+        bounds += usize::from(above.is_bound());
+        for _ in 0..20 {
+            let u = rng.uniform();
+            let t = 3.0 * u;
+            assert!((exact.until(&grid, t) - grid.integrate(o, w, 0.0, t)).abs() <= 1e-14);
+            assert!(above.until(&grid, t) >= exact.until(&grid, t) - 1e-14);
+            let place = exact.invert(&grid, u * exact.total());
+            assert_eq!(place.map(|p| p.t), grid.invert(o, w, 0.0, 3.0, u * exact.total()).ok());
+            if let Some(place) = above.invert(&grid, u * above.total()) {
+                assert!((above.until(&grid, place.t) - u * above.total()).abs() < 1e-12);
+                assert!(place.bound.is_none_or(|b| b >= grid.lookup(o + w * place.t)));
+            }
+        }
+        assert!(above.invert(&grid, 1.001 * above.total() + 1e-9).is_none());
+    }
+    assert!(bounds > 20, "{bounds}");
+}
+
+/// Spans, points and tentative collisions of the same field with four times as many voxels along each side, and what camera lines take.
 #[test]
 fn steps_follow_the_depth_and_not_the_voxels() {
     let scale = 10.0;
     let count = |grid: &Grid| {
         let (mut flight, mut points, mut exact) = (0, 0, 0);
+        let [mut profile, mut bounds] = [0.0; 2];
         for (o, w) in rays(300) {
             flight += grid.thin_spans(o, w, 0.0, 3.0, 1.0 / scale).count();
             let rate = Rate { by_value: 4.0 * scale, floor: 4.0 };
             grid.pieces(o, w, 0.0, 3.0, Some((rate, 0.5)), |_| points += 1);
             exact += grid.single_spans(o, w, 0.0, 3.0).count();
+            profile += grid.profile(o, w, 0.0, 3.0).unwrap().effort();
+            bounds += grid.bounds(o, w, 0.0, 3.0, scale).unwrap().effort();
         }
-        [flight, points, exact].map(|n| n as f64)
+        [flight as f64, points as f64, exact as f64, profile, bounds]
     };
     let (coarse, fine) = (count(&soft(64)), count(&soft(256)));
     assert!(fine[2] > 3.5 * coarse[2], "{coarse:?} {fine:?}");
     assert!(fine[0] < 1.5 * coarse[0], "{coarse:?} {fine:?}");
     assert!(fine[1] < 1.5 * coarse[1], "{coarse:?} {fine:?}");
+    assert!(fine[3] > 3.0 * coarse[3] && fine[4] < coarse[3], "{coarse:?} {fine:?}");
 }
