@@ -86,6 +86,8 @@ pub struct MediumSlots {
     pub g: Slot,
     /// Of a density grid with a transform: the field moves with it.
     pub mover: Option<Mover>,
+    /// Of an albedo grid likewise.
+    pub albedo_mover: Option<Mover>,
 }
 
 pub const NO_SLOT: Slot = Slot::MAX;
@@ -219,9 +221,14 @@ impl Medium {
         mover.field(p, &grid.gradient3(p), weight * self.scale, sink);
     }
 
-    /// The mover, if any parameter moves it.
+    /// The mover of the density, if any parameter moves it.
     fn moves(&self, params: &ParamSet) -> Option<&Mover> {
         self.slots.mover.as_ref().filter(|m| params.block_active(m.first, Mover::SLOTS))
+    }
+
+    /// That of the albedo likewise.
+    fn albedo_moves(&self, params: &ParamSet) -> Option<&Mover> {
+        self.slots.albedo_mover.as_ref().filter(|m| params.block_active(m.first, Mover::SLOTS))
     }
 
     /// Partials of `share x sigma_t`, where the share changes with the albedo at the rate `slope`.
@@ -230,6 +237,9 @@ impl Medium {
         let density = self.density.at(p);
         if let Some(mover) = self.moves(params) {
             self.motion_partials(mover, p, share, &mut Each(&mut f));
+        }
+        if let Some(mover) = self.albedo_moves(params) {
+            mover.field(p, &self.albedo.gradient(p), density * (slope * self.scale), &mut Each(&mut f));
         }
         if s.scale != NO_SLOT && params.is_active(s.scale) {
             f(s.scale, density * share);
@@ -309,7 +319,9 @@ impl Medium {
 
     /// Whether any slot that scattering depends on is active.
     pub fn source_active(&self, params: &ParamSet) -> bool {
-        self.extinction_active(params) || self.albedo.active(params, self.slots.albedo)
+        self.extinction_active(params)
+            || self.albedo.active(params, self.slots.albedo)
+            || self.albedo_moves(params).is_some()
     }
 
     /// Whether any slot that extinction depends on is active.

@@ -51,6 +51,9 @@ pub enum Quantity {
     /// The same two of a medium's emission grid.
     GlowShift,
     GlowDeformation,
+    /// The same two of its albedo grid.
+    AlbedoShift,
+    AlbedoDeformation,
     /// A perspective camera's tangent of half the field of view, and its principal point.
     Lens,
     /// Vertices of a mesh, three numbers each, world space.
@@ -77,8 +80,8 @@ impl Quantity {
             Quantity::Direction => "direction",
             Quantity::Angles => "angles",
             Quantity::Radius => "radius",
-            Quantity::Shift | Quantity::GlowShift => "shift",
-            Quantity::Deformation | Quantity::GlowDeformation => "deformation",
+            Quantity::Shift | Quantity::GlowShift | Quantity::AlbedoShift => "shift",
+            Quantity::Deformation | Quantity::GlowDeformation | Quantity::AlbedoDeformation => "deformation",
             Quantity::Lens => "lens",
             Quantity::Vertices => "vertices",
         }
@@ -87,10 +90,12 @@ impl Quantity {
     /// Whether it is a value at fixed points; otherwise something moves.
     pub fn is_value(self) -> bool {
         use Quantity::{
-            Angles, Deformation, Direction, GlowDeformation, GlowShift, Ior, Lens, Position, Radius, Shift, Vertices,
+            AlbedoDeformation, AlbedoShift, Angles, Deformation, Direction, GlowDeformation, GlowShift, Ior, Lens,
+            Position, Radius, Shift, Vertices,
         };
-        let moves = matches!(self, Position | Direction | Shift | Deformation | GlowShift | GlowDeformation | Vertices);
-        !(moves || matches!(self, Ior | Angles | Radius | Lens))
+        let grids = matches!(self, GlowShift | GlowDeformation | AlbedoShift | AlbedoDeformation);
+        let moves = matches!(self, Position | Direction | Shift | Deformation | Vertices);
+        !(grids || moves || matches!(self, Ior | Angles | Radius | Lens))
     }
 }
 

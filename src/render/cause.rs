@@ -62,10 +62,7 @@ pub fn rimmed(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
 pub fn cause(p: &Parts<f64>, term: Term, m: &Motion) -> Option<Cause> {
     let moving = |i: Option<usize>, remedy: &'static str| Some(Cause::of_medium(&p.media[i?], remedy));
     if m.other_volume.is_some() {
-        return moving(
-            m.other_volume,
-            "let its density alone move, out of a .vdb file; a grid of emission or temperature may move where it is one, too",
-        );
+        return moving(m.other_volume, "a .vol ends at its box with a jump: convert it to .vdb");
     }
     if term == Term::N && m.box_border.is_some() {
         return moving(m.box_border, "a .vol ends at its box with a jump: convert it to .vdb");

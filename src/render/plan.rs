@@ -565,7 +565,8 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
             }
             Movable::Albedo(i) => {
                 m.volume = true;
-                m.other_volume = Some(i);
+                let ends = matches!(p.media[i].albedo, VolumePart::Vol { .. });
+                m.other_volume = Some(i).filter(|_| ends).or(m.other_volume);
             }
             Movable::Sensor(_) => m.camera = true,
         }

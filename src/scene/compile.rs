@@ -349,6 +349,7 @@ fn medium(
             scale: slot_of(slots, owner, Quantity::MediumScale),
             g: slot_of(slots, owner, Quantity::G),
             mover: m.density.to_world().map(|t| mover(t, slots, owner, Quantity::Shift)),
+            albedo_mover: m.albedo.to_world().map(|t| mover(t, slots, owner, Quantity::AlbedoShift)),
         },
         kappa: 1.0,
     })

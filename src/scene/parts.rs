@@ -354,6 +354,11 @@ impl<R: Real> Parts<R> {
                     add(owner, &m.name, Quantity::GlowDeformation, deformation);
                 }
             }
+            if let Some(to_world) = m.albedo.to_world() {
+                let (shift, deformation) = affine_motion(to_world);
+                add(owner, &m.name, Quantity::AlbedoShift, vec![shift.x, shift.y, shift.z]);
+                add(owner, &m.name, Quantity::AlbedoDeformation, deformation);
+            }
             if let Some(to_world) = m.density.to_world() {
                 let (shift, deformation) = affine_motion(to_world);
                 add(owner, &m.name, Quantity::Shift, vec![shift.x, shift.y, shift.z]);

@@ -91,10 +91,10 @@ impl At<'_> {
         let (mut length, mut ratio) = (0.0f64, 0.0f64);
         for s in parts.slots().iter().filter(|s| !s.quantity.is_value()) {
             let fastest = s.values.iter().fold(0.0f64, |m, x| m.max(x.d[0].abs()));
-            let speed = if matches!(s.quantity, Quantity::Position | Quantity::Shift | Quantity::GlowShift) {
-                &mut length
-            } else {
-                &mut ratio
+            use Quantity::{AlbedoShift, GlowShift, Position, Shift};
+            let speed = match s.quantity {
+                Position | Shift | GlowShift | AlbedoShift => &mut length,
+                _ => &mut ratio,
             };
             *speed = speed.max(fastest);
         }

@@ -232,7 +232,14 @@ mod tests {
             }
             if x == 2 { b.tile([16, 0, 0], 8, [0.4; 3]) } else { b.leaf([8 * x, 0, 0], &values) }
         }
-        let none = MediumSlots { sigma_t: NO_SLOT, albedo: NO_SLOT, scale: NO_SLOT, g: NO_SLOT, mover: None };
+        let none = MediumSlots {
+            sigma_t: NO_SLOT,
+            albedo: NO_SLOT,
+            scale: NO_SLOT,
+            g: NO_SLOT,
+            mover: None,
+            albedo_mover: None,
+        };
         let grid = b.build().unwrap();
         Medium {
             name: "smoke".into(),

@@ -5,7 +5,8 @@
 #![allow(dead_code)]
 
 use std::path::Path;
-use tyndall::math::Rgb;
+use tyndall::math::{DAffine3, DVec3, Rgb};
+use tyndall::native::vdb::{self, Leaf, WriteGrid};
 use tyndall::params::ParamSet;
 use tyndall::render::driver::{Job, Mode, Outcome};
 use tyndall::render::plan::{Plan, Terms};
@@ -173,4 +174,35 @@ pub fn lamp(radius: f64) -> String {
     format!(
         r#"<shape type="sphere"><point name="center" value="$x, 3, 0"/><float name="radius" value="{radius}"/><emitter type="area"><float name="radiance" value="{radiance}"/></emitter></shape>"#
     )
+}
+
+/// A field given at the nodes of 2^3 leaves around the origin, in a .vdb; what a volume says to read it. A world unit is 6.25 nodes, the origin lies at (0.05, 0, 0.9).
+pub fn small_vdb(path: &Path, value: impl Fn(DVec3) -> f64, name: &str) -> String {
+    let mut leaves = Vec::new();
+    for k in 0..8 {
+        let origin = [0, 1, 2].map(|a| if k >> a & 1 == 0 { -8 } else { 0 });
+        let values = (0..512).map(|i| {
+            let p = [i >> 6, i >> 3 & 7, i & 7];
+            value(DVec3::from([0, 1, 2].map(|a| f64::from(origin[a] + p[a])))) as f32
+        });
+        leaves.push(Leaf { origin, active: [u64::MAX; 8], values: values.collect() });
+    }
+    let world_from_index =
+        DAffine3::from_translation(DVec3::new(0.05, 0.0, 0.9)) * DAffine3::from_scale(DVec3::splat(0.16));
+    let (class, tiles) = ("fog volume".to_string(), vec![]);
+    vdb::write(
+        path,
+        &[WriteGrid {
+            name: name.into(),
+            channels: 1,
+            world_from_index,
+            background: 0.0,
+            leaves,
+            tiles,
+            class,
+            half: false,
+        }],
+    )
+    .unwrap();
+    format!(r#"<string name="filename" value="{}"/><string name="grid_name" value="{name}"/>"#, path.display())
 }

@@ -30,6 +30,7 @@ mod light_shadow;
 mod manifold;
 mod mirror;
 mod motion_fields;
+mod moving_grids;
 mod moving_media;
 mod moving_media_differences;
 mod moving_surfaces;

@@ -1,9 +1,7 @@
 //! Media that shine as black bodies: closed forms, grids against constants, differences, what is refused.
 
-use crate::common::{against_differences, check, forward, params, run, scene};
-use std::path::Path;
-use tyndall::math::{DAffine3, DVec3, Rgb, blackbody};
-use tyndall::native::vdb::{self, Leaf, WriteGrid};
+use crate::common::{against_differences, check, forward, params, run, scene, small_vdb};
+use tyndall::math::{DVec3, Rgb, blackbody};
 use tyndall::render::driver::Mode;
 
 /// One orthographic pixel along +z through the medium `m` between z = 0 and z = 1.7; `t`, `f`, `o` and `e` are parameters.
@@ -49,37 +47,6 @@ fn a_slab_of_one_temperature() {
     }
 }
 
-/// Ramp along x, y and z with a hot middle, as the nodes of 2^3 leaves around the origin.
-fn ramp(path: &Path, value: impl Fn(DVec3) -> f64, name: &str) -> String {
-    let mut leaves = Vec::new();
-    for k in 0..8 {
-        let origin = [0, 1, 2].map(|a| if k >> a & 1 == 0 { -8 } else { 0 });
-        let values = (0..512).map(|i| {
-            let p = [i >> 6, i >> 3 & 7, i & 7];
-            value(DVec3::from([0, 1, 2].map(|a| f64::from(origin[a] + p[a])))) as f32
-        });
-        leaves.push(Leaf { origin, active: [u64::MAX; 8], values: values.collect() });
-    }
-    let world_from_index =
-        DAffine3::from_translation(DVec3::new(0.05, 0.0, 0.9)) * DAffine3::from_scale(DVec3::splat(0.16));
-    let (class, tiles) = ("fog volume".to_string(), vec![]);
-    vdb::write(
-        path,
-        &[WriteGrid {
-            name: name.into(),
-            channels: 1,
-            world_from_index,
-            background: 0.0,
-            leaves,
-            tiles,
-            class,
-            half: false,
-        }],
-    )
-    .unwrap();
-    format!(r#"<string name="filename" value="{}"/><string name="grid_name" value="{name}"/>"#, path.display())
-}
-
 /// A grid of one temperature is that temperature; .vol and .vdb.
 #[test]
 fn grids_of_one_temperature() {
@@ -98,7 +65,7 @@ fn grids_of_one_temperature() {
         r#"<volume name="temperature" type="gridvolume"><string name="filename" value="{}"/><transform name="to_world"><translate x="-0.5" y="-0.5" z="-0.2"/><scale value="20"/></transform></volume>"#,
         path.display()
     );
-    let file = ramp(&dir.path().join("one.vdb"), |_| 1.5, "heat");
+    let file = small_vdb(&dir.path().join("one.vdb"), |_| 1.5, "heat");
     let vdb = format!(
         r#"<volume name="temperature" type="openvdb">{file}<transform name="to_world"><scale value="20"/></transform></volume>"#
     );
@@ -123,8 +90,8 @@ fn hot_middle(p: DVec3) -> f64 {
 #[test]
 fn parameters_of_a_hot_cloud() {
     let dir = tempfile::tempdir().unwrap();
-    let heat = ramp(&dir.path().join("heat.vdb"), hot_middle, "heat");
-    let fog = ramp(&dir.path().join("fog.vdb"), |p| 0.6 + 0.02 * (p.y + p.z), "density");
+    let heat = small_vdb(&dir.path().join("heat.vdb"), hot_middle, "heat");
+    let fog = small_vdb(&dir.path().join("fog.vdb"), |p| 0.6 + 0.02 * (p.y + p.z), "density");
     let medium = format!(
         r#"<volume name="temperature" type="openvdb">{heat}</volume><volume name="sigma_t" type="openvdb">{fog}</volume><float name="scale" value="$s"/>"#
     );
@@ -151,7 +118,7 @@ fn parameters_of_a_hot_cloud() {
 #[test]
 fn things_that_move_in_a_hot_cloud() {
     let dir = tempfile::tempdir().unwrap();
-    let heat = ramp(&dir.path().join("heat.vdb"), hot_middle, "heat");
+    let heat = small_vdb(&dir.path().join("heat.vdb"), hot_middle, "heat");
     let text = format!(
         r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="b" value="0"/>
     <integrator type="volpath"><integer name="max_depth" value="3"/></integrator>
@@ -170,8 +137,8 @@ fn things_that_move_in_a_hot_cloud() {
 #[test]
 fn temperatures_that_move() {
     let dir = tempfile::tempdir().unwrap();
-    let heat = ramp(&dir.path().join("heat.vdb"), hot_middle, "heat");
-    let fog = ramp(&dir.path().join("fog.vdb"), |p| 0.6 + 0.02 * (p.y + p.z), "density");
+    let heat = small_vdb(&dir.path().join("heat.vdb"), hot_middle, "heat");
+    let fog = small_vdb(&dir.path().join("fog.vdb"), |p| 0.6 + 0.02 * (p.y + p.z), "density");
     let place = |x: &str| {
         format!(r#"<transform name="to_world"><rotate z="1" angle="$a"/><translate x="{x}" y="0.1"/></transform>"#)
     };
@@ -191,7 +158,7 @@ fn temperatures_that_move() {
 #[test]
 fn cold_grids_are_told_of() {
     let dir = tempfile::tempdir().unwrap();
-    let heat = ramp(&dir.path().join("heat.vdb"), hot_middle, "heat");
+    let heat = small_vdb(&dir.path().join("heat.vdb"), hot_middle, "heat");
     let text = slab(&format!(r#"<volume name="temperature" type="openvdb">{heat}</volume>"#), 1)
         .replace(r#"value="$f""#, r#"value="100""#)
         .replace(r#"<default name="f" value="1500"/>"#, "");
