@@ -128,6 +128,13 @@ pub struct Medium {
 /// Points a mean free path at which the depth of fine grids is differentiated: as many times less than the variance of a collision's score is what they add, at most.
 const DENSER: f64 = 4.0;
 
+/// Points at which a depth is differentiated: one offset for all, uniform in [0, 1), and how many times as many as on light that has scattered.
+#[derive(Clone, Copy, Debug)]
+pub struct Points {
+    pub u: f64,
+    pub denser: f64,
+}
+
 /// A sink that is a function.
 struct Each<'a, F>(&'a mut F);
 
@@ -248,14 +255,14 @@ impl Medium {
         self.albedo.partials(params, s.albedo, p, density * (slope * self.scale), &mut f);
     }
 
-    /// `d (integral of sigma_t over a span) / d slot`, per channel [T] (11) with fixed points. `u` uniform in [0, 1): an unbiased estimate for grids that are fine
-    /// ([`Grid::pieces`]), the same for all slots; without it exact.
+    /// `d (integral of sigma_t over a span) / d slot`, per channel [T] (11) with fixed points; with `points` an unbiased estimate for grids that are fine
+    /// ([`Grid::pieces`]), the same for all slots, without them exact.
     pub fn depth_partials(
         &self,
         params: &ParamSet,
         (o, w): (DVec3, DVec3),
         (t0, t1): (f64, f64),
-        u: Option<f64>,
+        points: Option<Points>,
         mut f: impl FnMut(Slot, Rgb),
     ) {
         let s = &self.slots;
@@ -274,8 +281,11 @@ impl Medium {
         let mover = self.moves(params);
         let by_voxel = |k: u32, weight: f64, f: &mut _| voxel(grid, s.sigma_t, k, Rgb::splat(self.scale * weight), f);
         let mut density = Rgb::ZERO;
-        let rate = Rate { by_value: DENSER * self.scale, floor: DENSER * self.kappa };
-        grid.pieces(o, w, t0, t1, u.map(|u| (rate, u)), |piece| match piece {
+        let drawn = points.map(|Points { u, denser }| {
+            let by = DENSER * denser;
+            (Rate { by_value: by * self.scale, floor: by * self.kappa }, u)
+        });
+        grid.pieces(o, w, t0, t1, drawn, |piece| match piece {
             Piece::Whole(span) => {
                 if let Some(mover) = mover {
                     let each = &mut Each(&mut f);

@@ -499,12 +499,14 @@ impl Sweep<'_> {
             return;
         }
         let m = &self.scene.media[span.medium as usize];
-        let (drawn, u) = match m.density_grid() {
+        let (drawn, points) = match m.density_grid() {
             None => (Some(after), None),
-            Some(_) => (lottery.draw(after), lottery.place()),
+            Some(_) => (lottery.draw(after), lottery.points(!m.sigma_s.is_zero())),
         };
         let Some(after) = drawn.filter(|_| self.facts.media[span.medium as usize].extinction) else { return };
-        m.depth_partials(self.params, (span.o, span.w), (span.t0, span.t1), u, |slot, d| sink.add(slot, -(d * after)));
+        m.depth_partials(self.params, (span.o, span.w), (span.t0, span.t1), points, |slot, d| {
+            sink.add(slot, -(d * after))
+        });
     }
 
     /// `(df_p/dg) / f_p` [T] (56).
