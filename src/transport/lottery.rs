@@ -47,8 +47,8 @@ impl Lottery {
         self.scattered = false;
     }
 
-    /// Where the depth of a span may be differentiated at drawn points ([`crate::medium::grid::Grid::pieces`]); nowhere on light that comes straight through a medium that does
-    /// not scatter, which has no other variance.
+    /// Where the depth of a span may be differentiated at drawn points ([`crate::medium::grid::Grid::pieces`]); nowhere on light that comes straight where nothing
+    /// scatters, which has no other variance.
     pub fn points(&mut self, scatters: bool) -> Option<Points> {
         (self.scattered || scatters).then(|| {
             let denser = if self.scattered { 1.0 } else { STRAIGHT };

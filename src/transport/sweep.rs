@@ -501,7 +501,7 @@ impl Sweep<'_> {
         let m = &self.scene.media[span.medium as usize];
         let (drawn, points) = match m.density_grid() {
             None => (Some(after), None),
-            Some(_) => (lottery.draw(after), lottery.points(!m.sigma_s.is_zero())),
+            Some(_) => (lottery.draw(after), lottery.points(self.set.max_depth > 1 && !m.sigma_s.is_zero())),
         };
         let Some(after) = drawn.filter(|_| self.facts.media[span.medium as usize].extinction) else { return };
         m.depth_partials(self.params, (span.o, span.w), (span.t0, span.t1), points, |slot, d| {
