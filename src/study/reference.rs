@@ -83,15 +83,21 @@ pub fn cases() -> &'static [CaseInfo] {
     CASES.get_or_init(|| {
         let text = include_str!("../../stability/stress_cases.csv");
         let listed = text.lines().skip(1).filter(|l| !l.is_empty()).map(|l| case(&fields(l)));
-        // One more than the list has: every airlight row of the closed forms.
-        let more = CaseInfo {
-            name: "airlight-table".into(),
-            core: false,
-            reference: String::new(),
-            expect: Vec::new(),
+        // More than the list has: every airlight row of the closed forms, and the derivatives of thick slabs that lose nothing.
+        let more = |name: &str, core, reference: &str, expect: &[&str]| CaseInfo {
+            name: name.into(),
+            core,
+            reference: reference.into(),
+            expect: expect.iter().map(|q| q.to_string()).collect(),
             time_bound: None,
         };
-        listed.chain([more]).collect()
+        let thick = ["R_1:d_tau", "R_1:d_albedo", "R_1:d_g", "T_1:d_tau", "T_1:d_albedo", "T_1:d_g"];
+        let more = [
+            more("airlight-table", false, "", &[]),
+            more("thick-forward-10", true, "slab_t10_a1_g0.9_n1", &thick),
+            more("thick-forward-100", true, "slab_t100_a1_g0.9_n1", &["R_1:d_albedo", "T_1:d_albedo"]),
+        ];
+        listed.chain(more).collect()
     })
 }
 
@@ -154,7 +160,7 @@ mod tests {
 
     #[test]
     fn tables_are_read() {
-        assert_eq!(cases().len(), 64 + 1);
+        assert_eq!(cases().len(), 64 + 3);
         let benign = &cases()[0];
         assert_eq!((benign.name.as_str(), benign.core, benign.time_bound), ("benign", true, Some(1.5)));
         assert_eq!(benign.expect.len(), 8);

@@ -71,7 +71,7 @@ fn a_mesh_is_a_block() {
     for light in [POINT, sun, &beams[0], &beams[1]] {
         let text = block(5, light);
         let facets = block_of_facets(dir.path(), &text);
-        let (a, b) = (forward(&text, &[], 1 << 13)[0], forward(&facets, &[], 1 << 13)[0]);
+        let (a, b) = (forward(&text, &[], 1 << 12)[0], forward(&facets, &[], 1 << 12)[0]);
         for c in 0..3 {
             let se = a.error[c].hypot(b.error[c]);
             assert!((a.value[c] - b.value[c]).abs() < 4.5 * se, "{light} {c}: {a:?} {b:?}");
@@ -81,7 +81,7 @@ fn a_mesh_is_a_block() {
         let (_, mut scene) = scene(&facets);
         assert!(!scene.warnings.iter().any(|w| w.kind == WarningKind::LightBehindGlass), "{:?}", scene.warnings);
         scene.chains = Chains::default();
-        let without = estimate(&run(&scene, 1 << 12, 3, Mode::Picture), 0);
+        let without = estimate(&run(&scene, 1 << 10, 3, Mode::Picture), 0);
         assert!(b.value[1] > 1.1 * without.value[1], "{light} {b:?} {without:?}");
     }
 }

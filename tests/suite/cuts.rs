@@ -81,8 +81,8 @@ fn sheets_through_each_other() {
     against_differences(&text, &[("x", 0.03), ("cam", 0.03)], &["all"], 1 << 13, 0.02);
     // Light from the floor: on either side of the line each sheet hides another part of it.
     let orders = Orders { first: 2, last: 2 };
-    let ours = &forward_of(&text, orders, &["x"], &["all"], 1 << 14)[1];
-    let fd = difference(&text, orders, "x", 0.03, 1 << 17);
+    let ours = &forward_of(&text, orders, &["x"], &["all"], 1 << 13)[1];
+    let fd = difference(&text, orders, "x", 0.03, 1 << 16);
     let se = ours.error[0].hypot(fd.error[0]);
     println!("order 2: {} +- {}, differences {} +- {}", ours.value[0], ours.error[0], fd.value[0], fd.error[0]);
     // Radiances of the wrong side are about 1e-3 off.
@@ -233,7 +233,7 @@ fn behind_a_sheet() {
     let ridge = r#"<scale x="0.5" y="0.5"/><translate y="0.5"/>"#;
     let slope = |angle: i32| sheet(&format!(r#"{ridge}<rotate x="1" angle="{angle}"/>"#), "0.2,0.6,0.9");
     let orders = Orders { first: 1, last: 1 };
-    let of = |shapes: &str| forward_of(&with(shapes), orders, &["y", "cam"], &["all"], 1 << 12).split_off(1);
+    let of = |shapes: &str| forward_of(&with(shapes), orders, &["y", "cam"], &["all"], 1 << 10).split_off(1);
     let alone = of(&front);
     for (name, behind) in [("shelf", sheet(shelf, "0.2,0.6,0.9")), ("ridge", slope(-60) + &slope(-130))] {
         for (k, (a, b)) in alone.iter().zip(of(&format!("{front}{behind}"))).enumerate() {

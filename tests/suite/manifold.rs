@@ -136,7 +136,7 @@ fn vertex_normals_bend_light() {
             camera.map_or(text.clone(), |[origin, target]| seen(&text, origin, target))
         };
         let point = forward(&of(POINT), &[], 1 << 14)[0];
-        let lamp = forward(&of(&lamp(radius)), &[], 1 << 18)[0];
+        let lamp = forward(&of(&lamp(radius)), &[], 1 << 17)[0];
         for c in 0..3 {
             let se = point.error[c].hypot(lamp.error[c]);
             println!(
@@ -162,7 +162,7 @@ fn a_fine_mesh_is_a_ball() {
     let ball = format!(r#"<shape type="sphere"><float name="radius" value="0.6"/>{GLASS}{MILK}</shape>"#);
     let sun = r#"<emitter type="directional"><vector name="direction" value="-1, -3, 0"/><float name="irradiance" value="2"/></emitter>"#;
     for light in [POINT, sun] {
-        let [a, b] = [&mesh, &ball].map(|shapes| forward(&caustic(shapes, light), &["milk", "white"], 1 << 14));
+        let [a, b] = [&mesh, &ball].map(|shapes| forward(&caustic(shapes, light), &["milk", "white"], 1 << 13));
         for (a, b) in a.iter().zip(&b) {
             let se = a.error[1].hypot(b.error[1]);
             println!("{:.5} +- {:.5}, ball {:.5} +- {:.5}", a.value[1], a.error[1], b.value[1], b.error[1]);

@@ -71,6 +71,7 @@ quick! {
     grid_all_zero: "grid-all-zero", 0.1;
     grid_invalid_voxels: "grid-invalid-voxels", 0.1;
     camera_on_boundary: "camera-on-boundary", 0.05;
+    thick_forward: "thick-forward-10", 0.5;
     ior_near_1: "ior-1.0001", 0.1;
     ior_high: "ior-2.4-conservative", 0.1;
     furnace_of_glass: "white-furnace-glass", 0.1;
