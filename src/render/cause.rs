@@ -61,11 +61,9 @@ pub fn rimmed(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
 /// What of the scene asks for a term that does not exist for such a motion.
 pub fn cause(p: &Parts<f64>, term: Term, m: &Motion) -> Option<Cause> {
     let moving = |i: Option<usize>, remedy: &'static str| Some(Cause::of_medium(&p.media[i?], remedy));
-    if m.other_volume.is_some() {
-        return moving(m.other_volume, "a .vol ends at its box with a jump: convert it to .vdb");
-    }
-    if term == Term::N && m.box_border.is_some() {
-        return moving(m.box_border, "a .vol ends at its box with a jump: convert it to .vdb");
+    let jumps = m.other_volume.or(m.box_border.filter(|_| term == Term::N));
+    if jumps.is_some() {
+        return moving(jumps, "a .vol ends at its box with a jump: convert it to .vdb");
     }
     if m.environment.is_some() {
         let light = &p.lights[m.environment?];

@@ -61,7 +61,7 @@ pub struct Job<'a> {
     pub max_time: Option<Duration>,
     /// Stop after the batch in which the relative error of the picture's mean pixel falls below this.
     pub target_error: Option<f64>,
-    /// Raised from outside (a signal): stop between tiles, without the open batch.
+    /// Raised from outside (a signal): stop after some samples of a pixel, without the open batch.
     pub stop: Option<&'a AtomicBool>,
 }
 
@@ -212,14 +212,16 @@ impl Job<'_> {
             let done = std::sync::atomic::AtomicUsize::new(0);
             let dropped = AtomicBool::new(false);
             gradient.gather(tiles, reverse, |tile, sink| {
-                // A signal, or the time limit once a batch is done, ends the run between tiles; the open batch is dropped.
-                let late = index > 0 && self.max_time.is_some_and(|t| start.elapsed() >= t);
-                if late || self.stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
+                // A signal, or the time limit once a batch is done, ends the run; the open batch is dropped.
+                let over = || {
+                    let late = index > 0 && self.max_time.is_some_and(|t| start.elapsed() >= t);
+                    late || self.stop.is_some_and(|s| s.load(Ordering::Relaxed))
+                };
+                let range = tile * TILE..((tile + 1) * TILE).min(pixels);
+                if over() || !self.tile(range, first..first + n, &work, &light_on_ray, sink, over) {
                     dropped.store(true, Ordering::Relaxed);
                     return;
                 }
-                let range = tile * TILE..((tile + 1) * TILE).min(pixels);
-                self.tile(range, first..first + n, &work, &light_on_ray, sink);
                 let k = done.fetch_add(1, Ordering::Relaxed) + 1;
                 progress(Progress {
                     done: (taken as f64 + n as f64 * k as f64 / tiles as f64) / self.spp as f64,

@@ -17,6 +17,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+/// Samples of a pixel after which signals and the time are looked at.
+const LOOK: u64 = 256;
+
 /// What threads share.
 pub struct Work<'a> {
     pub swept: Option<Swept<'a>>,
@@ -105,7 +108,7 @@ impl Job<'_> {
         });
     }
 
-    /// The samples of one batch in some pixels.
+    /// The samples of one batch in some pixels; false where it was `over` before all of them.
     pub(super) fn tile(
         &self,
         pixels: std::ops::Range<usize>,
@@ -113,7 +116,8 @@ impl Job<'_> {
         work: &Work,
         light_on_ray: &Mutex<Option<[usize; 2]>>,
         reverse: &mut Option<Reverse>,
-    ) {
+        over: impl Fn() -> bool,
+    ) -> bool {
         let Work { swept, limbs, rooms, film } = work;
         let images = swept.as_ref().map_or(0, |s| s.images);
         let media = !self.scene.media.is_empty();
@@ -125,6 +129,9 @@ impl Job<'_> {
             let mut sum = Rgb::ZERO;
             derivative.clear();
             for s in samples.clone() {
+                if s % LOOK == 0 && over() {
+                    return false;
+                }
                 let (mut state, point) = self.state(Purpose::Path, x, y, s);
                 let on_ray = tally.light_on_ray;
                 let poles = limbs.as_ref().map(|l| l.poles(point, None));
@@ -168,6 +175,7 @@ impl Job<'_> {
             }
         }
         count(&film.health, &tally);
+        true
     }
 
     /// Paths of one batch beside outlines.

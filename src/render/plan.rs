@@ -162,7 +162,7 @@ pub struct Motion {
     pub environment: Option<usize>,
     /// A volume moves by its transform.
     pub volume: bool,
-    /// Of those, one of albedo, or one of emission that ends at a box: of which medium.
+    /// Of those, one of albedo or emission that ends at a box: of which medium.
     pub other_volume: Option<usize>,
     /// The border at which its density jumps moves with it.
     pub border: bool,

@@ -66,6 +66,10 @@ impl Recorder for RimRecord {
         self.path.push(e);
     }
 
+    fn wants_ends(&self) -> bool {
+        true
+    }
+
     fn at_vertex(w: &mut Walker<Self>, s: &mut State, vertex: &Vertex) {
         let scene = w.scene;
         if scene.columns.is_empty() || !w.may_scatter(s.depth + 1) {

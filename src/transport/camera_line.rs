@@ -51,7 +51,7 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
         ray.pass(scene, &h);
     };
     if line.bounded && line.chromatic {
-        line = line.exact(scene);
+        line = line.crossed(scene);
     }
     (s.o, s.on, s.medium) = (ray.o, ray.on, ray.medium);
     let Line { parts: pieces, total, .. } = &line;
@@ -142,7 +142,7 @@ fn scatter_probability<R: Recorder>(
 /// The equi-angular connection and the candidate of a derivative vertex on part `k`.
 fn side_estimates<R: Recorder>(w: &mut Walker<R>, s: &mut State, line: &Line, k: usize, prefix: Rgb, share: Share) {
     let connects = R::CONNECTS && w.scene.draws_on_spans();
-    if !connects && !R::ON {
+    if !connects && w.rec.candidate_rng().is_none() {
         return;
     }
     let (piece, lead, total) = (&line.parts[k], &line.parts[..k], line.total);
@@ -227,7 +227,7 @@ fn force_flight<R: Recorder>(
         let beta = s.beta;
         return record_passing(w, unscattered(s, end, beta), &line.parts, false);
     };
-    let share = poles.map(|poles| poles.share(scene, &line.exact(scene), k, t));
+    let share = poles.map(|poles| poles.share(scene, line.exact(scene), k, t));
     s.flight = Flight { span: Some(line.parts[k].span), density: 0.0, reach: None, drawn: s.drawn };
     collide(w, s, line, k, t, share)
 }

@@ -133,7 +133,7 @@ pub(super) fn on_line<R: Recorder>(
             }
             let u = s.rng.uniform();
             if kept > 0.0 {
-                let t = part.at_depth(w.scene, 0, before[0] + tracking::truncated(u, depth[0])).min(hi);
+                let t = part.at_depth(w.scene, 0, before[0] + tracking::truncated(u, depth[0])).clamp(lo, hi);
                 points[1] = Some((t, Rgb::splat(weight(t))));
             }
         }

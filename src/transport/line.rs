@@ -11,6 +11,7 @@ use crate::math::{DVec3, Rgb};
 use crate::medium::Volume;
 use crate::medium::grid::{Place, Profile};
 use crate::scene::{Hit, March, On, Scene};
+use std::cell::OnceCell;
 
 /// One span of a line, with the optical depth in front of it and in it (of bounds, where the line has them).
 pub struct Part {
@@ -42,6 +43,8 @@ pub struct Line {
     pub chromatic: bool,
     /// The medium at its end.
     pub last: Option<u32>,
+    /// The same line without bounds, once it has been asked for.
+    exact: OnceCell<Box<Line>>,
 }
 
 impl Line {
@@ -69,20 +72,23 @@ impl Line {
         self.chromatic |= !m.gray;
     }
 
-    /// The same without bounds.
-    pub fn exact(&self, scene: &Scene) -> Line {
+    /// The same without bounds: every cell is crossed.
+    pub fn crossed(&self, scene: &Scene) -> Line {
         let mut line = Line { last: self.last, ..Line::default() };
         self.parts.iter().for_each(|part| line.push(scene, part.span));
         line
     }
 
+    /// Itself, if it has no bounds.
+    pub fn exact(&self, scene: &Scene) -> &Line {
+        if self.bounded { self.exact.get_or_init(|| Box::new(self.crossed(scene))) } else { self }
+    }
+
     /// The depth in front of part `k`, not of bounds.
     pub fn exact_before(&self, scene: &Scene, k: usize) -> Rgb {
-        if !self.bounded {
-            return self.parts.get(k).map_or(self.total, |part| part.before);
-        }
-        let depth = |part: &Part| tracking::depth(&scene.media[part.span.medium as usize], &part.span);
-        self.parts[..k].iter().map(depth).fold(Rgb::ZERO, |a, b| a + b)
+        // Nothing lies in front of the first.
+        let line = if k > 0 { self.exact(scene) } else { self };
+        line.parts.get(k).map_or(line.total, |part| part.before)
     }
 
     /// From `o`, in `medium`, to the distance `t_max`, with nothing opaque on the way; `None` after too many interfaces.
@@ -128,12 +134,14 @@ impl Line {
         None
     }
 
+    /// Of a line of bounds, what passes for certain.
     pub fn transmittance(&self) -> Rgb {
         self.total.map(|t| (-t).exp())
     }
 
-    /// Transmittance up to `t` of the span of part `k`.
+    /// Transmittance up to `t` of the span of part `k` (not of bounds).
     pub fn transmittance_to(&self, scene: &Scene, k: usize, t: f64) -> Rgb {
+        debug_assert!(!self.bounded);
         self.parts[k].depth_to(scene, t).map(|t| (-t).exp())
     }
 
@@ -178,6 +186,7 @@ impl Line {
 
     /// Density per length of the forced collision at `t` of part `k`, per channel.
     pub fn density(&self, scene: &Scene, k: usize, t: f64) -> Rgb {
+        debug_assert!(!self.bounded);
         self.parts[k].forced_density(scene, self.total, t)
     }
 
@@ -198,7 +207,7 @@ impl Line {
 }
 
 impl Part {
-    /// Optical depth of the line up to `t` of the span, per channel.
+    /// Optical depth of the line up to `t` of the span, per channel; of bounds, where it has them.
     pub fn depth_to(&self, scene: &Scene, t: f64) -> Rgb {
         self.before + self.depth_within(scene, t)
     }
@@ -336,7 +345,7 @@ mod tests {
                 }
                 ray.pass(&scene, &hit);
             }
-            let exact = line.exact(&scene);
+            let exact = line.crossed(&scene);
             assert!(line.bounded && !exact.bounded && line.parts.len() == 3);
             assert!(line.total[0] > exact.total[0] * 1.02, "{} {}", line.total[0], exact.total[0]);
             assert_eq!(line.exact_before(&scene, 3), exact.total);

@@ -12,7 +12,7 @@ use crate::medium::Points;
 /// Part of a path's value below which its spans are drawn.
 const SHARE: f64 = 0.125;
 
-/// Points on light that comes straight, over those on light that has scattered and has their variance. Measured (benches/RESULTS.md): 2 to 4 are best by mean.
+/// How many times as many points light has that comes straight as light that has scattered, whose own variance is large. Measured (benches/RESULTS.md): 2 to 4 are best by mean.
 const STRAIGHT: f64 = 4.0;
 
 /// Draws of one path: the same in forward and reverse mode, whatever is differentiated, and however its record is cut into chunks.

@@ -1,6 +1,6 @@
 //! The record of a path: what the backward sweep needs, in the order in which it happened.
 //!
-//! A record holds one or two chains (`Event::Chain` starts one), the scattered and the unscattered part of a camera line, and for each the mirrored one, if it has one ([`super::mirror`]).
+//! A record holds one or two chains (`Event::Chain` starts one), the scattered and the unscattered part of a camera line (through fine grids the first may turn out to pass, too), and for each the mirrored one, if it has one ([`super::mirror`]).
 //! Memory is bounded: a path longer than `CHUNK` events keeps checkpoints, and the sweep regenerates one chunk at a time.
 
 use super::aim::Aim;
@@ -259,7 +259,7 @@ pub trait Recorder {
     fn is_still(&self) -> bool {
         true
     }
-    /// Whether borders of media move, for which [`Event::Ends`] is.
+    /// Whether [`Event::Ends`] is asked for: where borders of media move, and hard edges of beams.
     fn wants_ends(&self) -> bool {
         false
     }

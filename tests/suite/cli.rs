@@ -440,7 +440,7 @@ fn a_stopped_study_says_that_nothing_is_written() {
     b.expect(0, "render fog.xml --spp 2 -q");
     let before = b.files();
     for line in [
-        "grad fog.xml --wrt sigma_t --loss l2 --target fog.exr --spp 200000 -o g.json",
+        "grad fog.xml --wrt sigma_t --loss l2 --target fog.exr --spp 100000000 -o g.json",
         "check fog.xml --wrt sigma_t --max-time 60s -o c.json",
         "converge fog.xml --time 60s",
     ] {

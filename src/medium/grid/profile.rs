@@ -14,6 +14,8 @@ use crate::math::DVec3;
 const CELL: f64 = 0.001;
 /// The same for the steps that a node saves over those of its halves, of which each level has half as many a length.
 const NODE: f64 = 0.4;
+/// How many times its least value a node may be thought to hold.
+const UNEVEN: f64 = 3.0;
 /// Cells on a way up to which it is not looked at twice.
 const FEW: f64 = 128.0;
 
@@ -80,7 +82,7 @@ impl Profile {
         }
     }
 
-    /// Where the integral reaches `target`, or none where all of it is less; without bounds [`Grid::invert`] to the bit.
+    /// Where the integral reaches `target` > 0, or none where all of it is less; without bounds [`Grid::invert`] to the bit.
     pub fn invert(&self, grid: &Grid, target: f64) -> Option<Place> {
         if target <= 0.0 {
             return self.steps.first().map(|step| Place { t: step.span.t0, bound: None });
@@ -130,13 +132,13 @@ impl Grid {
         if self.channels() != 1 || self.bricks.levels.top() == 0 || (tb - ta) * cells <= FEW {
             return self.profile(o, w, t0, t1);
         }
-        // Of two bricks' size, or of nodes without much of a range.
-        let near = |level, [min, max]: [f32; 2]| level == 1 || max <= 2.0 * min || max == 0.0;
-        let middles = SpanIter::new(self, ray, ta, tb, true, near).map(|s| (s.min * s.max).sqrt() * (s.t1 - s.t0));
-        let limit = CELL * (scale * middles.sum::<f64>()).exp_m1() * cells / scale;
-        let whole = |level: usize, [min, max]: [f32; 2]| {
-            min == max || f64::from(max - min) * ((1u64 << level) as f64) <= NODE * limit
-        };
+        // The depth, about, and rather too little: of two bricks' size, or of nodes without much of a range.
+        let near = |level, [min, max]: [f32; 2]| level == 1 || max <= 2.0 * min;
+        let middle = |s: Span| (s.min * s.max).sqrt().min(UNEVEN * s.min) * (s.t1 - s.t0);
+        let middles: f64 = SpanIter::new(self, ray, ta, tb, true, near).map(middle).sum();
+        let limit = CELL * (scale * middles).exp_m1() * cells / scale;
+        let whole =
+            |level: usize, [min, max]: [f32; 2]| f64::from(max - min) * ((1u64 << level) as f64) <= NODE * limit;
         let spans = SpanIter::new(self, ray, t0, t1, true, whole);
         let bound = |s: &Span| !s.constant && (s.large || s.max - s.min <= limit);
         Some(Profile::new(self, spans, ray, bound))
