@@ -156,11 +156,24 @@ fn ramp(dir: &std::path::Path, n: usize, albedo: &str, sun: &str) -> String {
 /// Camera lines that fly give the picture and derivatives of those that cross every cell: by extinction, albedo, and a border that moves.
 #[test]
 fn camera_lines_fly_through_fine_grids() {
+    fly_or_cross("", 0.03);
+}
+
+/// The same before a wall that reflects, where one of the two parts of a line is followed.
+#[test]
+fn camera_lines_fly_before_a_wall() {
+    let wall = r#"<shape type="rectangle"><transform name="to_world"><scale value="3"/><rotate y="1" angle="180"/><translate z="1.2"/></transform>
+        <bsdf type="diffuse"><rgb name="reflectance" value="0.7"/></bsdf></shape>"#;
+    fly_or_cross(wall, 0.05);
+}
+
+/// `precision`: how well derivatives have to be known.
+fn fly_or_cross(wall: &str, precision: f64) {
     let dir = tempfile::tempdir().unwrap();
     let sun = r#"<emitter type="directional"><vector name="direction" value="0.3, 0, 1"/><rgb name="irradiance" value="2"/></emitter>"#;
     let names = ["scale", "albedo", "z"];
     let [exact, flown] = [16, 2048].map(|n| {
-        let (desc, sc) = scene(&ramp(dir.path(), n, "0.4", sun));
+        let (desc, sc) = scene(&ramp(dir.path(), n, "0.4", &[sun, wall].concat()));
         let o = run(&sc, 1 << 12, 5, Mode::Forward(&params(&desc, &sc, &names)));
         [0, 1, 2, 3].map(|k| estimate(&o, k))
     });
@@ -168,7 +181,7 @@ fn camera_lines_fly_through_fine_grids() {
         let error = a.error[0].hypot(b.error[0]);
         // 4 s.e. each (false alarm 3e-4).
         assert!((a.value[0] - b.value[0]).abs() <= 4.0 * error, "{k}: {} {} {error}", a.value[0], b.value[0]);
-        assert!(error < 0.03 * a.value[0].abs(), "{k}: {} +- {error}", a.value[0]);
+        assert!(error < precision * a.value[0].abs(), "{k}: {} +- {error}", a.value[0]);
     }
     // What passes is left to chance: it is flown, and not crossed.
     assert!(flown[0].value[0] != exact[0].value[0]);
