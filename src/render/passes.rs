@@ -168,6 +168,9 @@ impl Job<'_> {
             }
             if let Some(rooms) = rooms {
                 for (room, s) in (0..rooms.list.len()).flat_map(|r| samples.clone().map(move |s| (r, s))) {
+                    if s % LOOK == 0 && over() {
+                        return false;
+                    }
                     rooms.along(room, [x, y], key, s, &mut tally, &mut |c| {
                         self.contribute(room, &c, film, reverse);
                     });
