@@ -93,9 +93,12 @@ impl Envmap {
         ((self.local.transpose() * DVec3::new(st * sp, ct, -st * cp)).normalize(), st)
     }
 
-    /// Radiance from direction `w` (pointing toward the environment), before the scale, and the density of `sample` there.
-    pub fn look(&self, w: DVec3) -> (Rgb, f64) {
+    /// Radiance from direction `w` (pointing toward the environment), before the scale, and where it `weighs` the density of `sample` there, else 0.
+    pub fn look(&self, w: DVec3, weighs: bool) -> (Rgb, f64) {
         let (u, v) = self.uv(w);
+        if !weighs {
+            return (self.radiance(u, v), 0.0);
+        }
         let y = ((v * self.height as f64) as usize).min(self.height - 1);
         let x = ((u * self.width as f64) as usize).min(self.width - 1);
         let p = self.rows.probability(y) * self.columns[y].probability(x);
@@ -177,13 +180,14 @@ mod tests {
             .map(|_| {
                 let (d, p, radiance) = e.sample(rng.uniform(), rng.uniform());
                 assert!(p > 0.0);
-                let (r, q) = e.look(d);
+                let (r, q) = e.look(d, true);
                 assert!((r - radiance).max().abs() < 1e-9 && (p - q).abs() < 1e-9 * p);
                 radiance[0] / p
             })
             .collect();
-        let b: crate::math::stats::Moments =
-            (0..n).map(|_| e.look(crate::math::warp::sphere(rng.uniform(), rng.uniform())).0[0] * 4.0 * PI).collect();
+        let b: crate::math::stats::Moments = (0..n)
+            .map(|_| e.look(crate::math::warp::sphere(rng.uniform(), rng.uniform()), false).0[0] * 4.0 * PI)
+            .collect();
         assert!((a.mean - b.mean).abs() < 6.0 * a.standard_error().hypot(b.standard_error()), "{a:?} {b:?}");
         assert!(a.standard_error() < b.standard_error());
     }

@@ -161,12 +161,12 @@ impl Light {
     }
 
     /// Light that a ray leaving the scene along `w` (propagation against the light) collects, if this one is an environment, and the
-    /// density per solid angle with which `sample` draws that direction; 0 where it never draws (constant).
-    pub fn escape(&self, w: DVec3) -> Option<(Emission, f64)> {
+    /// density per solid angle with which `sample` draws that direction; 0 where it never draws (constant), or where nothing is to be weighed by it.
+    pub fn escape(&self, w: DVec3, weighs: bool) -> Option<(Emission, f64)> {
         match &self.kind {
             LightKind::Constant => Some((self.emission(Rgb::ONE), 0.0)),
             LightKind::Envmap(e) => {
-                let (radiance, pdf) = e.look(w);
+                let (radiance, pdf) = e.look(w, weighs);
                 Some((self.emission(radiance), pdf))
             }
             _ => None,

@@ -354,14 +354,26 @@ impl Plan {
             };
             let matter = motion.opaque || motion.area_light || motion.camera;
             let light = motion.zero_measure_light || motion.profile;
-            // By way of one flat face all light of lights that move is known, where nothing casts shadows: `term::panes` sees to that.
-            let known = facts.one_pane && light && !(matter || motion.ior || motion.interface);
+            // By way of one flat face all light of lights without extent is known, where nothing casts shadows: `term::panes` sees to that.
+            let turns = motion.camera || motion.ior || motion.interface;
+            let known =
+                facts.one_pane && !(motion.opaque || motion.area_light) && (light || facts.zero_measure_light && turns);
             if known {
-                let why = "a light moves that shines by way of one flat face";
+                let why = if turns {
+                    "a light shines by way of one flat face"
+                } else {
+                    "a light moves that shines by way of one flat face"
+                };
                 all.entry(Term::C).or_insert_with(|| format!("{why} ({name})"));
             }
             for (term, why) in needed(&facts, &motion) {
-                if known && matches!(term, Term::G | Term::R | Term::VE) {
+                let covered = match term {
+                    Term::G | Term::R => true,
+                    Term::VE => !turns,
+                    Term::C => !facts.cut_beam,
+                    _ => false,
+                };
+                if known && covered {
                     continue;
                 }
                 if !term.exists(&motion) {
@@ -379,7 +391,7 @@ impl Plan {
                 && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface))
             {
                 let why = "what moves may be seen or lit by way of an interface";
-                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or take the glass and mirrors out: all but one flat face, where nothing but lights moves";
+                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or take the glass and mirrors out: all but one flat face, where nothing opaque moves";
                 miss(Term::S, why, zero_measure(&parts).map(|l| Cause::of_light(l, remedy)));
             }
             let turns = motion.ior || motion.interface || motion.beam;

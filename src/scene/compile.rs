@@ -141,6 +141,7 @@ impl Scene {
             balls: Vec::new(),
             seeds: Vec::new(),
             sheltered: Vec::new(),
+            shines_within: false,
             bright: Bright::default(),
         };
         let named: Vec<Option<usize>> = parts.lights.iter().map(|l| l.medium).collect();

@@ -196,6 +196,10 @@ impl Group {
         Ok(group)
     }
 
+    fn is_empty(&self) -> bool {
+        self.simple.is_empty() && self.bvh.is_none()
+    }
+
     /// Nearest acceptable hit with `t` in `(-tolerance, t_max)`: `t`, shape, face.
     fn nearest(
         &self,
@@ -206,6 +210,9 @@ impl Group {
         on: &On,
         medium: Medium,
     ) -> Option<(f64, u32, u32)> {
+        if self.is_empty() {
+            return None;
+        }
         let tolerance = scene.tolerance(o);
         let behind = if on.alone { -tolerance } else { tolerance };
         let mut best: Option<(f64, u32, u32)> = None;
@@ -333,7 +340,11 @@ impl Scene {
             let s = &self.shapes[id as usize];
             self.surfaces[s.surface as usize].is_transparent()
         };
-        if !self.has_glass || glass(shape) && self.shapes[shape as usize].shape.normal(face, o + w * t).dot(w) > 0.0 {
+        let alone = self.opaque.simple.len() < 2 && self.opaque.simple.contains(&shape);
+        if !self.has_glass
+            || alone
+            || glass(shape) && self.shapes[shape as usize].shape.normal(face, o + w * t).dot(w) > 0.0
+        {
             return found;
         }
         let slack = 2.0 * (self.tolerance(o) + self.tolerance(o + w * t));

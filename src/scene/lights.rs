@@ -74,6 +74,13 @@ impl Scene {
             walls.peek().is_some() && walls.all(|s| s.interior == Some(m) && s.exterior != Some(m) && closed(s))
         };
         self.sheltered = (0..self.media.len() as u32).map(sheltered).collect();
+        let shines = |l: &crate::light::Light| matches!(l.kind, LightKind::Area { .. });
+        self.shines_within = self.lights.iter().any(shines) || self.media.iter().any(|m| m.emission.is_some());
+    }
+
+    /// Whether a ray in this medium is known to see no light before it is turned once more.
+    pub fn is_dark(&self, medium: Option<u32>) -> bool {
+        !self.shines_within && medium.is_some_and(|m| self.sheltered[m as usize])
     }
 
     /// Whether a connection from a point of the medium to the light is known to fail.

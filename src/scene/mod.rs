@@ -194,6 +194,8 @@ pub struct Scene {
     pub seeds: Vec<u32>,
     /// Media that no light from infinity falls into straight: by medium.
     pub sheltered: Vec<bool>,
+    /// Whether a ray may meet light before it leaves the scene: on a surface, or in a medium.
+    pub shines_within: bool,
     /// Flat glass and mirrors beside lights without extent.
     pub panes: Vec<panes::Pane>,
     /// The same, several in turn.

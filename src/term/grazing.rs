@@ -338,7 +338,7 @@ impl Edges {
             let l = &scene.lights[light as usize];
             let emission = match &g.far {
                 Some(_) => l.emission(Rgb::ONE),
-                None => l.escape(line.w).map_or_else(|| l.emission(Rgb::ZERO), |e| e.0),
+                None => l.escape(line.w, false).map_or_else(|| l.emission(Rgb::ZERO), |e| e.0),
             };
             return met(ByOrder(vec![emission.color() * transmittance * (1.0 / density)]));
         }

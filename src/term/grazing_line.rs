@@ -147,7 +147,7 @@ impl Curve {
     pub fn toward(&self, scene: &Scene, line: &Line, hit: Option<&Hit>) -> (u32, f64) {
         let Some(h) = hit else {
             let Some(id) = scene.environment else { return (0, 0.0) };
-            let pdf = scene.lights[id as usize].escape(line.w).map_or(0.0, |e| e.1);
+            let pdf = scene.lights[id as usize].escape(line.w, true).map_or(0.0, |e| e.1);
             return (id, pdf * line.per_length);
         };
         let shape = &scene.shapes[h.shape as usize];

@@ -16,6 +16,7 @@ use crate::phase::one_minus_cos;
 use crate::scene::beams::{Way, corners};
 use crate::scene::{On, Scene};
 use crate::shape::Geometry;
+use crate::transport::beam;
 use crate::transport::beam_motion::{distance_forms, slide_forms};
 use crate::transport::chained::Starts;
 use crate::transport::first::{Later, Met, Nth, Opening};
@@ -23,7 +24,6 @@ use crate::transport::record::{Event, MediumSpan, PathRecord};
 use crate::transport::tracking;
 use crate::transport::velocity::Velocity;
 use crate::transport::walk::{State, Walker};
-use crate::transport::{beam, camera_line};
 
 /// Ways of all beams that end somewhere.
 pub struct HardBeams {
@@ -94,8 +94,7 @@ impl HardBeams {
         let rim = rng.beside(Rng::next_u64(&mut { rng }));
         let mut rec = RimRecord::new(path, rim);
         let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
-        let s = camera_line::start(&mut walker, State::new(rng, o, w, cx.sensor.medium));
-        walker.run(s);
+        walker.trace(&mut State::new(rng, o, w, cx.sensor.medium));
         cx.tally = cx.tally.plus(&walker.tally);
         let RimRecord { path: rec, points, .. } = rec;
         let mut starts = Starts::default();

@@ -31,7 +31,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         let what = format!(
             "`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet"
         );
-        let remedy = "only one flat face, a rectangle or a disk, may be there, and nothing but lights may move; else differentiate with respect to something else";
+        let remedy = "only one flat face, a rectangle or a disk, may be there, and nothing but lights, the camera and that face may move; else differentiate with respect to something else";
         return Err(Error::scene(&interface.span, what, remedy));
     }
     // An index that changes moves what is behind it.
@@ -90,7 +90,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         );
         return Err(Error::usage(what, "bound the medium by a shape with a null bsdf"));
     }
-    if let Some(l) = scene.lights.iter().find(|l| l.is_delta()) {
+    if let Some(l) = scene.lights.iter().find(|l| l.is_delta()).filter(|_| !panes::are_known(scene, motion)) {
         let what = format!(
             "`{name}` mirrors or refracts, and something moves: the shadows of the light `{}` at it cannot be differentiated yet",
             l.name

@@ -26,32 +26,37 @@ use crate::transport::pane::directions;
 const ABSORBED: f64 = 40.0;
 const EXTINCT: f64 = 60.0;
 
-/// Whether only lights move, and all that they send by way of smooth surfaces comes by one flat face.
+/// Whether all that lights without extent send by way of smooth surfaces comes by one flat face, and nothing moves but lights, the camera and that face.
 pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
-    scene.shows_all_delta_light() && !motion.surfaces()
+    let moves = |k: u32| motion.moves(k) && !scene.surface_of(k).is_smooth();
+    scene.shows_all_delta_light() && !(0..scene.shapes.len() as u32).any(moves)
 }
 
 pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Result<()> {
     let Some(pane) = scene.panes.first() else { return Ok(()) };
     let face = &scene.shapes[pane.shape as usize];
     let refuse = |what: String, remedy: &str| Err(Error::scene(&face.span, what, remedy));
+    // Vertices that ride on camera rays, and a face that moves or refracts otherwise, carry the light of all lights past the same borders.
+    let carried = motion.surfaces() && are_known(scene, motion);
     let mut region = None;
     for (id, (light, m)) in scene.lights.iter().zip(&motion.lights).enumerate().filter(|(_, (l, _))| l.is_delta()) {
         let turns = m.direction || m.angles;
-        if (m.position || turns) && matches!(light.kind, LightKind::Spot { beam, cutoff, .. } if beam >= cutoff) {
+        if (m.position || turns || carried)
+            && matches!(light.kind, LightKind::Spot { beam, cutoff, .. } if beam >= cutoff)
+        {
             let what = format!(
-                "the spot `{}` has a hard edge, and moves: how the edge falls by way of `{}` cannot be told yet",
+                "the spot `{}` has a hard edge, and something moves: how the edge falls by way of `{}` cannot be told yet",
                 light.name, face.name
             );
             return refuse(what, "give it a beam_width below its cutoff_angle");
         }
         let far = light.center().is_none();
-        if !(m.position || far && m.direction) {
+        if !(m.position || far && m.direction || carried) {
             continue;
         }
-        if m.position && scene.embedded_selection(id as u32) > 0.0 {
+        if (m.position || carried) && scene.embedded_selection(id as u32) > 0.0 {
             let what = format!(
-                "the light `{}` moves inside a medium, beside `{}`, which mirrors or refracts: this cannot be differentiated yet",
+                "the light `{}` is inside a medium, beside `{}`, which mirrors or refracts, and something moves: this cannot be differentiated yet",
                 light.name, face.name
             );
             return refuse(what, "keep it out of the medium: in the air over the water, as it were");
@@ -193,7 +198,7 @@ fn clear(scene: &Scene, pane: &Pane, light: &Light, places: &[DVec3]) -> Result<
     };
     if on_plane || !passed.iter().all(|&p| covers(&face.shape, p)) {
         let what = format!(
-            "light of `{}`, which moves, may pass the border of `{}`, which mirrors or refracts: its shadow cannot be differentiated yet",
+            "light of `{}` may pass the border of `{}`, which mirrors or refracts: how its shadow moves cannot be differentiated yet",
             light.name, face.name
         );
         let remedy = "make the rectangle so large that it lies between all that light scatters at and the light; put media into cubes, which say where they end";

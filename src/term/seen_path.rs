@@ -7,7 +7,6 @@ use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
 use crate::scene::{On, Scene};
 use crate::surface::Surface;
-use crate::transport::camera_line;
 use crate::transport::first::{FilmLine, First, Leg, Met, Nth, Opening, Seen};
 use crate::transport::record::{Event, MediumSpan, Recorder};
 use crate::transport::shot::Place;
@@ -108,8 +107,7 @@ impl Path {
         let mut path = Path { vertices, legs, opening, max_depth: cx.set.max_depth };
         let (o, w) = cx.sensor.ray(film[0], film[1]);
         let mut walker = Walker::new(cx.scene, cx.set, &mut path);
-        let start = camera_line::start(&mut walker, State::new(rng, o, w, cx.sensor.medium));
-        walker.run(start);
+        walker.trace(&mut State::new(rng, o, w, cx.sensor.medium));
         cx.tally = cx.tally.plus(&walker.tally);
         path
     }

@@ -17,13 +17,17 @@ use crate::math::Rgb;
 use crate::medium::Volume;
 use crate::scene::{Hit, March, On, Scene};
 
-/// Start a camera path, or go on with its line behind an interface: score the extra connections and candidates of the line, return the state to walk on from
+/// Start a camera path, or go on with its line behind an interface: score the extra connections and candidates of the line, and leave the state to walk on from
 /// (with the unscattered part pending where both are followed).
-pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
+pub fn start<R: Recorder>(w: &mut Walker<R>, s: &mut State) {
     let scene = w.scene;
     // Of this line only, not of those behind interfaces.
     let poles = s.poles.take().filter(|_| R::ON);
     let mut ray = March::new(s.o, s.w, s.on, s.medium);
+    if w.is_lost(s.depth, s.medium) {
+        s.stage = Stage::Done;
+        return;
+    }
     let scatters = w.may_scatter(s.depth + 1);
     let bounds = scatters && scene.flies_lines() && poles.as_ref().is_none_or(|p| p.drawn.is_none());
     let mut line = Line::default();
@@ -34,7 +38,8 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
         if let Some(span) = MediumSpan::ahead(&ray, f64::INFINITY, hit.as_ref()) {
             if matches!(&scene.media[span.medium as usize].density, Volume::Grid(g) if g.channels() == 3) {
                 // No inverse for three extinctions at once: walk instead.
-                return State { stage: Stage::Fly, direct: false, ..s };
+                (s.stage, s.direct) = (Stage::Fly, false);
+                return;
             }
             if bounds { line.push_bounds(scene, span) } else { line.push(scene, span) }
         }
@@ -56,14 +61,13 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
     (s.o, s.on, s.medium) = (ray.o, ray.on, ray.medium);
     let Line { parts: pieces, total, .. } = &line;
     let total = *total;
-    if pieces.is_empty() {
-        let beta = s.beta;
-        return unscattered(s, end, beta);
-    }
     let prefix = s.beta;
+    if pieces.is_empty() {
+        return unscattered(s, end, prefix);
+    }
     let transmitted = total.map(|t| (-t).exp());
     for k in 0..pieces.len() {
-        glow::on_line(w, &mut s, &pieces[..=k], prefix, chain);
+        glow::on_line(w, s, &pieces[..=k], prefix, chain);
     }
     if w.rec.wants_ends() {
         for (k, p) in pieces.iter().enumerate() {
@@ -71,45 +75,37 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, mut s: State) -> State {
             w.rec.push(Event::Ends { span: p.span, start, end, depth: s.depth });
         }
     }
-    let waiting = s.pending.take();
-    let share = scatter_probability(w, pieces, &end, transmitted, scatters);
+    let share = scatter_probability(w, pieces, &end, transmitted, scatters, s.in_a_row);
     if scatters {
         for k in 0..pieces.len() {
-            side_estimates(w, &mut s, &line, k, prefix, share);
+            side_estimates(w, s, &line, k, prefix, share);
         }
     }
 
     // Follow both parts, or one of them.
-    let both = share.both;
-    let scattered = scatters && share.scatter > 0.0 && (both || s.rng.uniform() < share.scatter);
-    let mut passing = None;
-    if both || !scattered {
-        let p = if both { 1.0 } else { 1.0 - share.scatter };
-        if !transmitted.is_zero() {
-            passing = Some(unscattered(s.clone(), end, prefix * transmitted * (1.0 / p)));
-        }
+    let scattered = scatters && share.scatter > 0.0 && (share.both || s.rng.uniform() < share.scatter);
+    if scattered && share.both && !transmitted.is_zero() {
+        let waiting = s.pending.take();
+        let mut passing = Box::new(s.clone());
+        unscattered(&mut passing, end, prefix * transmitted);
+        record_passing(w, &mut passing, pieces, true);
+        passing.pending = waiting;
+        s.pending = Some(passing);
     }
     if scattered {
-        let p = if both { 1.0 } else { share.scatter };
-        let mut c = if line.bounded {
-            force_flight(w, s, &line, p, end, poles.as_deref())
+        let p = if share.both { 1.0 } else { share.scatter };
+        if line.bounded {
+            force_flight(w, s, &line, p, end, poles.as_deref());
         } else {
-            force_collision(w, s, &line, p, poles.as_deref())
-        };
-        c.pending = match passing {
-            Some(passing) => {
-                let passing = record_passing(w, passing, pieces, true);
-                Some(Box::new(State { pending: waiting, ..passing }))
-            }
-            None => waiting,
-        };
-        return c;
+            force_collision(w, s, &line, p, poles.as_deref());
+        }
+    } else if transmitted.is_zero() {
+        s.stage = Stage::Done;
+    } else {
+        let p = if share.both { 1.0 } else { 1.0 - share.scatter };
+        unscattered(s, end, prefix * transmitted * (1.0 / p));
+        record_passing(w, s, pieces, false);
     }
-    let last = match passing {
-        Some(passing) => record_passing(w, passing, pieces, false),
-        None => State { stage: Stage::Done, ..s },
-    };
-    State { pending: waiting, ..last }
 }
 
 #[derive(Clone, Copy)]
@@ -125,13 +121,16 @@ fn scatter_probability<R: Recorder>(
     end: &Option<Hit>,
     transmitted: Rgb,
     scatters: bool,
+    in_a_row: u32,
 ) -> Share {
     let scene = w.scene;
     let any = pieces.iter().any(|p| !scene.media[p.span.medium as usize].sigma_s.is_zero() && !p.depth.is_zero());
     if !scatters || !any {
         return Share { scatter: 0.0, both: false };
     }
-    let reflects = end.as_ref().is_some_and(|h| scene.reflects(h));
+    // What comes straight through one or two smooth faces mostly sees the environment, for little; a choice would be all of its variance.
+    let sees = |h: &Hit| in_a_row <= 1 && scene.environment.is_some() && scene.surface_of(h.shape).is_smooth();
+    let reflects = end.as_ref().is_some_and(|h| scene.reflects(h) && !sees(h));
     if reflects {
         Share { scatter: 0.05 + 0.9 * (1.0 - transmitted.mean()), both: false }
     } else {
@@ -145,14 +144,14 @@ fn side_estimates<R: Recorder>(w: &mut Walker<R>, s: &mut State, line: &Line, k:
     if !connects && w.rec.candidate_rng().is_none() {
         return;
     }
-    let (piece, lead, total) = (&line.parts[k], &line.parts[..k], line.total);
+    let (piece, lead, collides) = (&line.parts[k], &line.parts[..k], line.collides());
     let before = line.exact_before(w.scene, k).map(|t| (-t).exp());
     if before.is_zero() {
         return;
     }
     if connects {
         chain(w, s);
-        let density = |scene: &Scene, t: f64| piece.forced_density(scene, total, t).mean() * share.scatter;
+        let density = |scene: &Scene, t: f64| piece.forced_density(scene, collides, t).mean() * share.scatter;
         if w.scene.has_local_lights() {
             let first = w.rec.side_len();
             if R::ON {
@@ -168,7 +167,7 @@ fn side_estimates<R: Recorder>(w: &mut Walker<R>, s: &mut State, line: &Line, k:
             let weight = prefix * before * weight;
             // Only competing connections ask for it.
             let weighs = w.scene.weighs_flights();
-            let density = if weighs { piece.forced_density(w.scene, total, t).mean() * share.scatter } else { 0.0 };
+            let density = if weighs { piece.forced_density(w.scene, collides, t).mean() * share.scatter } else { 0.0 };
             let flight = Flight { span: Some(piece.span), density, reach: None, drawn: s.drawn };
             let (medium, depth) = (piece.span.medium, s.depth);
             w.rec.push(Event::Candidate { medium, p, w: piece.span.w, weight, flight, depth });
@@ -179,11 +178,12 @@ fn side_estimates<R: Recorder>(w: &mut Walker<R>, s: &mut State, line: &Line, k:
 }
 
 /// A collision inside the line.
-fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p: f64, poles: Option<&Poles>) -> State {
+fn force_collision<R: Recorder>(w: &mut Walker<R>, s: &mut State, line: &Line, p: f64, poles: Option<&Poles>) {
     let scene = w.scene;
-    let (pieces, total) = (&line.parts, line.total);
-    let Some(Forced { piece: k, t, hero, .. }) = collision(scene, &mut s, line, poles) else {
-        return State { stage: Stage::Done, ..s };
+    let (pieces, total, collides) = (&line.parts, line.total, line.collides());
+    let Some(Forced { piece: k, t, hero, .. }) = collision(scene, s, line, poles) else {
+        s.stage = Stage::Done;
+        return;
     };
     let share = poles.map(|poles| poles.share(scene, line, k, t));
     let piece = &pieces[k];
@@ -191,9 +191,9 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
     let point = piece.span.o + piece.span.w * t;
     let (gray, before) = (!line.chromatic, s.beta.max());
     // Only competing connections and chromatic weights ask for it.
-    let density = if gray && !scene.weighs_flights() { Rgb::ZERO } else { piece.forced_density(scene, total, t) };
+    let density = if gray && !scene.weighs_flights() { Rgb::ZERO } else { piece.forced_density(scene, collides, t) };
     if gray {
-        s.beta *= m.albedo_at(point) * (-(-total[0]).exp_m1() / p);
+        s.beta *= m.albedo_at(point) * (collides[0] / p);
     } else {
         let depth = piece.depth_to(scene, t);
         let (_, sigma_s) = m.coefficients(point);
@@ -204,37 +204,38 @@ fn force_collision<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, p:
         s.r = Rgb::from_fn(|c| s.r[c] * density[c] / d);
     }
     s.hero = hero;
-    s.start = before * total.map(|t| -(-t).exp_m1()).max() / p;
+    s.start = before * collides.max() / p;
     s.flight = Flight { span: Some(piece.span), density: density.mean() * p, reach: None, drawn: s.drawn };
-    collide(w, s, line, k, t, share)
+    collide(w, s, line, k, t, share);
 }
 
 /// The first tentative collision inside a line of bounds, and the flight from there on.
 fn force_flight<R: Recorder>(
     w: &mut Walker<R>,
-    mut s: State,
+    s: &mut State,
     line: &Line,
     p: f64,
     end: Option<Hit>,
     poles: Option<&Poles>,
-) -> State {
+) {
     let scene = w.scene;
     let mut apart = s.rng.apart();
     let tentative = line.force(scene, &mut s.rng);
-    s.beta *= -(-line.total[0]).exp_m1() / p;
+    s.beta *= line.collides()[0] / p;
     s.start = s.beta.max();
-    let Some((k, t)) = line.fly_on(scene, &tentative, &mut apart, &mut s) else {
+    let Some((k, t)) = line.fly_on(scene, &tentative, &mut apart, s) else {
         let beta = s.beta;
-        return record_passing(w, unscattered(s, end, beta), &line.parts, false);
+        unscattered(s, end, beta);
+        return record_passing(w, s, &line.parts, false);
     };
     let share = poles.map(|poles| poles.share(scene, line.exact(scene), k, t));
     s.flight = Flight { span: Some(line.parts[k].span), density: 0.0, reach: None, drawn: s.drawn };
-    collide(w, s, line, k, t, share)
+    collide(w, s, line, k, t, share);
 }
 
 /// The line's collision, at `t` of part `k`. `share`: [`Poles::share`].
-fn collide<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, k: usize, t: f64, share: Option<f64>) -> State {
-    chain(w, &s);
+fn collide<R: Recorder>(w: &mut Walker<R>, s: &mut State, line: &Line, k: usize, t: f64, share: Option<f64>) {
+    chain(w, s);
     if let Some(share) = share {
         w.rec.push(Event::Share(share));
     }
@@ -249,7 +250,6 @@ fn collide<R: Recorder>(w: &mut Walker<R>, mut s: State, line: &Line, k: usize, 
     s.o = piece.span.o + piece.span.w * t;
     s.on = On::default();
     s.stage = Stage::Medium;
-    s
 }
 
 /// Where it is: drawn by the line itself, or around a pole.
@@ -277,23 +277,21 @@ pub(super) fn lengthen(s: &mut State, events: impl Iterator<Item = Event>) {
 }
 
 /// The state behind the line with nothing scattered on it.
-fn unscattered(mut s: State, end: Option<Hit>, beta: Rgb) -> State {
+fn unscattered(s: &mut State, end: Option<Hit>, beta: Rgb) {
     s.beta = beta;
     s.start = beta.max();
     s.stage = match end {
         Some(h) => Stage::Surface(h),
         None => Stage::Escape,
     };
-    s
 }
 
 /// Remember which spans the unscattered part crossed, so that the sweep can score them.
-fn record_passing<R: Recorder>(w: &mut Walker<R>, mut s: State, pieces: &[Part], pending: bool) -> State {
+fn record_passing<R: Recorder>(w: &mut Walker<R>, s: &mut State, pieces: &[Part], pending: bool) {
     if R::ON {
-        lengthen(&mut s, pieces.iter().map(|p| Event::Span { span: p.span, prefix: None }));
+        lengthen(s, pieces.iter().map(|p| Event::Span { span: p.span, prefix: None }));
         if !pending {
-            chain(w, &s);
+            chain(w, s);
         }
     }
-    s
 }

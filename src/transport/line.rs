@@ -11,6 +11,7 @@ use crate::math::{DVec3, Rgb};
 use crate::medium::Volume;
 use crate::medium::grid::{Place, Profile};
 use crate::scene::{Hit, March, On, Scene};
+use smallvec::SmallVec;
 use std::cell::OnceCell;
 
 /// One span of a line, with the optical depth in front of it and in it (of bounds, where the line has them).
@@ -152,7 +153,7 @@ impl Line {
         let hero = if !self.chromatic || total.is_zero() {
             0
         } else {
-            let lit: Vec<usize> = (0..3).filter(|&c| total[c] > 0.0).collect();
+            let lit: SmallVec<[usize; 3]> = (0..3).filter(|&c| total[c] > 0.0).collect();
             lit[((rng.uniform() * lit.len() as f64) as usize).min(lit.len() - 1)]
         };
         let target = tracking::truncated(rng.uniform(), total[hero]);
@@ -184,10 +185,15 @@ impl Line {
             .find_map(|(k, m, span)| tracking::fly(m, &span, s).map(|t| (k, t)))
     }
 
+    /// What collides on it of the light that sets out, `1 - T`.
+    pub fn collides(&self) -> Rgb {
+        self.total.map(|t| -(-t).exp_m1())
+    }
+
     /// Density per length of the forced collision at `t` of part `k`, per channel.
     pub fn density(&self, scene: &Scene, k: usize, t: f64) -> Rgb {
         debug_assert!(!self.bounded);
-        self.parts[k].forced_density(scene, self.total, t)
+        self.parts[k].forced_density(scene, self.collides(), t)
     }
 
     /// The same whichever channel leads.
@@ -241,13 +247,13 @@ impl Part {
         }
     }
 
-    /// Density per length of a collision forced on a line of depth `total`, at `t` of the span, per channel.
-    pub fn forced_density(&self, scene: &Scene, total: Rgb, t: f64) -> Rgb {
+    /// Density per length of a collision forced on a line on which `collides` does ([`Line::collides`]), at `t` of the span, per channel.
+    pub fn forced_density(&self, scene: &Scene, collides: Rgb, t: f64) -> Rgb {
         let m = &scene.media[self.span.medium as usize];
         let depth = self.depth_to(scene, t);
         let (sigma_t, _) = m.coefficients(self.span.o + self.span.w * t);
         // 1 - T of nothing is nothing: no collision is forced there.
-        Rgb::from_fn(|c| if total[c] > 0.0 { sigma_t[c] * (-depth[c]).exp() / -(-total[c]).exp_m1() } else { 0.0 })
+        Rgb::from_fn(|c| if collides[c] > 0.0 { sigma_t[c] * (-depth[c]).exp() / collides[c] } else { 0.0 })
     }
 
     /// A point of the span between `lo` and `hi` with density proportional (homogeneous) or related (grids) to transmittance, and its weight per channel:

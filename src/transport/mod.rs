@@ -45,11 +45,10 @@ use crate::math::Rgb;
 use crate::scene::{Scene, Settings};
 
 /// The value of one camera path.
-pub fn sample(scene: &Scene, set: &Settings, state: State, tally: &mut Tally) -> Rgb {
+pub fn sample(scene: &Scene, set: &Settings, mut state: State, tally: &mut Tally) -> Rgb {
     let mut rec = NoRecord;
     let mut w = walk::Walker::new(scene, set, &mut rec);
-    let s = camera_line::start(&mut w, state);
-    w.run(s);
+    w.trace(&mut state);
     *tally = tally.plus(&w.tally);
     w.value
 }

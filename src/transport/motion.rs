@@ -17,6 +17,7 @@ use super::attach::InnerBorders;
 use super::beam_motion::Connection;
 use super::field::{Field, classes};
 use super::first::{FilmLine, First, Later, Met, Nth};
+use super::pane_motion::PaneConnection;
 use super::piece::{Piece, Stop};
 use super::ray::{MovingRay, Specular, Turned};
 use super::record::{Drawn, End, MediumSpan};
@@ -217,6 +218,8 @@ enum Tip {
     Infinity(DVec3),
     /// A way of a beam.
     Beam(u32),
+    /// A light by way of a pane.
+    Pane { light: u32, pane: u32 },
 }
 
 /// A segment that leaves the vertex at hand, and all that was collected along it.
@@ -304,6 +307,7 @@ impl<S: Sink> Chained<'_, S> {
             }
             End::Point(light) => Tip::Point(light),
             End::Beam(way) => Tip::Beam(way),
+            End::Pane { light, pane } => Tip::Pane { light, pane },
             End::Infinity(w) => Tip::Infinity(w),
         }
     }
@@ -528,11 +532,20 @@ impl<'a> Vertex<'a> {
         connection.partials(cx, &mut self.at);
     }
 
+    /// A connection to a light by way of a pane.
+    fn leave_by_pane<S: Sink>(&mut self, cx: &mut Chained<S>, light: u32, pane: u32, value: Rgb, pieces: &[Piece]) {
+        let Some(connection) = PaneConnection::new(cx.scene, light, pane, self.p(), value) else { return };
+        let turning = self.scattered(cx.scene, connection.toward(), value);
+        connection.partials(cx, &turning, pieces, &mut self.at);
+    }
+
     /// `pieces`: of the segment; `first`: this vertex as the path's first, if it is that.
     fn leave<S: Sink>(&mut self, cx: &mut Chained<S>, leg: &Leg, pieces: &[Piece], first: Option<&First>) {
         let (x, value, scene) = (self.p(), leg.value, cx.scene);
-        if let Tip::Beam(way) = leg.tip {
-            return self.leave_by(cx, &scene.beams.ways[way as usize], value, pieces);
+        match leg.tip {
+            Tip::Beam(way) => return self.leave_by(cx, &scene.beams.ways[way as usize], value, pieces),
+            Tip::Pane { light, pane } => return self.leave_by_pane(cx, light, pane, value, pieces),
+            _ => {}
         }
         let (p, w, d) = match &leg.tip {
             Tip::Surface { p, .. } | Tip::Medium { p, .. } => (*p, (*p - x).normalize(), (*p - x).length()),
@@ -541,7 +554,7 @@ impl<'a> Vertex<'a> {
                 (p, (p - x).normalize(), (p - x).length())
             }
             Tip::Infinity(w) => (x, *w, f64::INFINITY),
-            Tip::Beam(_) => return,
+            Tip::Beam(_) | Tip::Pane { .. } => return,
         };
         // On ż - ẋ, and apart from each other.
         let mut between = Covector::default();
@@ -563,7 +576,7 @@ impl<'a> Vertex<'a> {
                     }
                 }
             }
-            Tip::Infinity(_) | Tip::Beam(_) => {}
+            Tip::Infinity(_) | Tip::Beam(_) | Tip::Pane { .. } => {}
         }
         // Held to its direction, a point scores less by that share.
         let attached = match (&leg.tip, first) {
@@ -640,7 +653,7 @@ impl<'a> Vertex<'a> {
             Tip::Point(light) if cx.moving.follows(*light) => {
                 Velocity::of(Source::Light(*light), p).apply(scene, cx.sensor, &far, cx.sink);
             }
-            Tip::Point(_) | Tip::Infinity(_) | Tip::Beam(_) => {}
+            Tip::Point(_) | Tip::Infinity(_) | Tip::Beam(_) | Tip::Pane { .. } => {}
         }
     }
 

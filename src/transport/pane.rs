@@ -82,9 +82,31 @@ pub struct Reach<R> {
     pub gain: [R; 3],
 }
 
+/// A plane of glass or metal: a point of it, its normal, and the indices behind its front side and before it (of metal both 1).
+pub struct Plane<R> {
+    pub p: V3<R>,
+    pub n: V3<R>,
+    pub indices: [R; 2],
+}
+
+impl<R: Real> Plane<R> {
+    pub fn of(surface: &Surface, pane: &Pane) -> Plane<R> {
+        let indices = match surface {
+            Surface::Dielectric { interior, exterior, .. } => [*interior, *exterior],
+            _ => [1.0; 2],
+        };
+        Plane { p: V3::constant(pane.p), n: V3::constant(pane.n), indices: indices.map(R::from) }
+    }
+}
+
 /// By the plane of a face, wherever the face ends; `None` where no light goes that way.
 pub fn reach<R: Real>(surface: &Surface, pane: &Pane, from: Origin<R>, x: V3<R>) -> Option<Reach<R>> {
-    let (n, p) = (V3::constant(pane.n), V3::constant(pane.p));
+    reach_by(surface, Plane::of(surface, pane), from, x)
+}
+
+/// The same where the plane may move, and its indices change.
+pub fn reach_by<R: Real>(surface: &Surface, plane: Plane<R>, from: Origin<R>, x: V3<R>) -> Option<Reach<R>> {
+    let Plane { p, n, indices: [interior, exterior] } = plane;
     let h = (x - p).dot(n);
     // The side that the light is on: > 0 in front.
     let height = match from {
@@ -96,12 +118,7 @@ pub fn reach<R: Real>(surface: &Surface, pane: &Pane, from: Origin<R>, x: V3<R>)
         return None;
     }
     let abs = |x: R| if x.value() < 0.0 { -x } else { x };
-    let [n0, n1] = match surface {
-        Surface::Dielectric { interior, exterior, .. } if front => [*exterior, *interior],
-        Surface::Dielectric { interior, exterior, .. } => [*interior, *exterior],
-        _ => [1.0; 2],
-    }
-    .map(R::from);
+    let [n0, n1] = if front { [exterior, interior] } else { [interior, exterior] };
     let share = |c: R| match surface {
         Surface::Dielectric { .. } => {
             let f = Interface::new(c, n0, n1).reflectance();
@@ -179,7 +196,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             let step =
                 Step { shape: pane.shape, face: pane.face, p: pane.p, n: pane.n, before, behind, through: r.through };
             let way = Way { light: id as u32, steps: vec![step], w: behind, gain };
-            let end = if light.center().is_some() { End::Point(id as u32) } else { End::Infinity(-before) };
+            let end = End::Pane { light: id as u32, pane: k as u32 };
             let Some(value) = score(w, s, vertex, &Found { way: &way, points: &[at], emission, end }) else { continue };
             if R::ON && w.rec.follows(id as u32).is_some_and(|bit| s.left & bit == 0) {
                 let (light, pane, turn) = (id as u32, k as u32, vertex.turn(s));

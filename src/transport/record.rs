@@ -93,6 +93,8 @@ pub enum End {
     Beam(u32),
     /// A light with a position and no extent; its own motion is [`Event::Aim`]'s.
     Point(u32),
+    /// A light without extent, by one flat smooth face of the scene's panes; its own motion is [`Event::PaneAim`]'s.
+    Pane { light: u32, pane: u32 },
     /// Nothing: this direction, unit, toward the light.
     Infinity(DVec3),
 }

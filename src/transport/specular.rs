@@ -31,6 +31,8 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
     }
     let shape = &w.scene.shapes[hit.shape as usize];
     let (n, rays) = rays(&w.scene.surfaces[shape.surface as usize], hit, s.w);
+    let behind = |r: &Ray| if r.through { shape.medium_behind(s.w, hit.n, s.medium) } else { s.medium };
+    let rays = rays.map(|r| r.filter(|r| !w.is_lost(k, behind(r))));
     let tolerance = w.scene.tolerance(hit.p);
     let first = s.direct && s.depth == 0;
     s.depth = k;
@@ -71,10 +73,11 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         [None, None] => s.stage = Stage::Done,
         [Some(r), None] | [None, Some(r)] => follow(s, &r, 1.0, false),
         [Some(mirrored), Some(refracted)] if first => {
-            let mut other = State { pending: s.pending.take(), ..s.clone() };
+            let waiting = s.pending.take();
+            let mut other = Box::new(State { pending: waiting, ..s.clone() });
             follow(&mut other, &mirrored, 1.0, true);
             follow(s, &refracted, 1.0, false);
-            s.pending = Some(Box::new(other));
+            s.pending = Some(other);
         }
         [Some(mirrored), Some(refracted)] => {
             let f = mirrored.weight.mean();

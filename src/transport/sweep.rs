@@ -21,7 +21,7 @@ use super::motion::{Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::twin::Ways;
 use super::walk::{Flight, Stage, State, Tally, Walker};
-use super::{aim, camera_line, pane_motion};
+use super::{aim, pane_motion};
 use crate::error::Result;
 use crate::light::Emission;
 use crate::math::rng::{Purpose, Rng};
@@ -331,8 +331,7 @@ impl Sweep<'_> {
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
         let first = state.clone();
         let mut w = Walker::new(self.scene, self.set, rec);
-        let s = camera_line::start(&mut w, state);
-        w.run(s);
+        w.trace(&mut state);
         let value = plain.unwrap_or(w.value);
         *tally = tally.plus(&w.tally);
         let mut lottery = Lottery::new(spans, rec.scattered);
@@ -350,8 +349,7 @@ impl Sweep<'_> {
             rec.begin(None, open);
             let mut w = Walker::new(self.scene, self.set, rec);
             if k == 0 {
-                let s = camera_line::start(&mut w, first.clone());
-                w.run(s);
+                w.trace(&mut first.clone());
             } else {
                 w.run(starts[k - 1].0.clone());
             }

@@ -204,10 +204,20 @@ impl<'a, R: Recorder> Walker<'a, R> {
         Walker { scene, set, rec, value: Rgb::ZERO, kept: Rgb::ZERO, tally: Tally::default() }
     }
 
+    /// A camera path from its beginning.
+    pub fn trace(&mut self, s: &mut State) {
+        camera_line::start(self, s);
+        self.go_on(s);
+    }
+
     /// Walk to the end, or to the end of one chunk when the recorder says so.
     pub fn run(&mut self, mut s: State) {
+        self.go_on(&mut s);
+    }
+
+    fn go_on(&mut self, s: &mut State) {
         loop {
-            if self.rec.checkpoint(self.scene, &s) || self.rec.is_over(&s) {
+            if self.rec.checkpoint(self.scene, s) || self.rec.is_over(s) {
                 return;
             }
             s.steps += 1;
@@ -217,28 +227,28 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 s.stage = Stage::Done;
             }
             match s.stage {
-                Stage::Fly => self.fly(&mut s),
-                Stage::Line => s = camera_line::start(self, s),
-                Stage::Medium => self.scatter(&mut s),
-                Stage::Surface(hit) => self.surface(&mut s, hit),
-                Stage::Reflect(hit) => self.reflect(&mut s, hit),
+                Stage::Fly => self.fly(s),
+                Stage::Line => camera_line::start(self, s),
+                Stage::Medium => self.scatter(s),
+                Stage::Surface(hit) => self.surface(s, hit),
+                Stage::Reflect(hit) => self.reflect(s, hit),
                 Stage::Escape => {
-                    self.escape(&mut s);
+                    self.escape(s);
                     s.stage = Stage::Done;
                 }
                 Stage::Done => {
-                    let mut now = Resume::of(&s);
+                    let mut now = Resume::of(s);
                     if let Some(resume) = s.mirrored.take() {
                         (now, self.value) = (*resume, self.kept);
                     }
                     let Some(next) = s.pending.take() else { return };
-                    s = *next;
+                    *s = *next;
                     if let Some(resume) = &mut s.mirrored {
                         (**resume, self.kept) = (now, self.value * 2.0);
                     } else {
                         (s.rng, s.aside, s.steps) = (now.rng, now.aside, now.steps);
                     }
-                    camera_line::chain(self, &s);
+                    camera_line::chain(self, s);
                 }
             }
         }
@@ -249,11 +259,18 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let scene = self.scene;
         // What is flown is not in the lead of a camera line.
         s.direct = false;
+        if self.is_lost(s.depth, s.medium) {
+            s.stage = Stage::Done;
+            return;
+        }
         let Some(id) = s.medium else {
             let hit = scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
             return self.arrive(s, hit);
         };
         let medium = &scene.media[id as usize];
+        if medium.is_homogeneous() && medium.emission.is_none() && !self.may_scatter(s.depth + 1) {
+            return self.pass_by(s, id);
+        }
         let connects = R::CONNECTS && scene.draws_on_spans() && self.may_scatter(s.depth + 1);
         if !medium.is_homogeneous() || connects || s.in_a_row > 0 {
             // The whole span is needed: for the grid's traversal, for the equi-angular connection, or for how points behind an interface move.
@@ -303,6 +320,24 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
     }
 
+    /// No collision would be seen any more: all that passes, in one weight. No point of the span is a candidate for a derivative vertex either.
+    fn pass_by(&mut self, s: &mut State, id: u32) {
+        let hit = self.scene.intersect(s.o, s.w, f64::INFINITY, &s.on, s.medium);
+        let t1 = hit.as_ref().map_or(f64::INFINITY, |h| h.t);
+        let span = MediumSpan::new(id, s.o, s.w, t1, &s.on, hit.as_ref());
+        let depth = tracking::depth(&self.scene.media[id as usize], &span);
+        s.beta *= depth.map(|t| (-t).exp());
+        s.tau += depth;
+        if R::ON {
+            self.rec.push(Event::Span { span, prefix: None });
+        }
+        if s.beta.is_zero() {
+            s.stage = Stage::Done;
+        } else {
+            self.arrive(s, hit);
+        }
+    }
+
     fn walked(&mut self, s: &mut State, span: MediumSpan, t: f64, collides: bool, beta: Rgb, r: Rgb) {
         let medium = &self.scene.media[span.medium as usize];
         if medium.emission.is_some() && t > 0.0 {
@@ -336,7 +371,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
             return;
         }
         let light = &self.scene.lights[id as usize];
-        let Some((emission, pdf)) = light.escape(s.w) else { return };
+        let weighs = s.pdf_direction > 0.0 && s.to_environment > 0.0;
+        let Some((emission, pdf)) = light.escape(s.w, weighs) else { return };
         let p = s.to_environment * pdf;
         self.emit(s, emission, p, End::Infinity(s.w));
     }
@@ -361,6 +397,11 @@ impl<'a, R: Recorder> Walker<'a, R> {
     /// Whether the `k`-th scattering is within `max_depth`.
     pub fn may_scatter(&self, k: u32) -> bool {
         k < self.set.max_depth
+    }
+
+    /// Whether a ray that has been turned this often, in this medium, is known to bring nothing: it would have to be turned once more.
+    pub fn is_lost(&self, depth: u32, medium: Option<u32>) -> bool {
+        !self.may_scatter(depth + 1) && self.scene.is_dark(medium)
     }
 
     /// A collision at `s.o`.
