@@ -53,7 +53,7 @@ bench: build
 # Beside Mitsuba, with a Python that has it: make bench-peer PEER=venv/bin/python (benches/peer/README.md).
 PEER ?= python3
 bench-peer: build
-	$(PEER) benches/peer/efficiency.py fog fire room glass
+	$(PEER) benches/peer/efficiency.py fog fire room glass glass-independent
 	$(PEER) benches/peer/cloud.py
 	$(PEER) benches/peer/cloud.py --spp 64
 

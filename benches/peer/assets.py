@@ -53,15 +53,15 @@ def fire_scenes(res):
     return ours, theirs
 
 
-def glass_scenes(res):
-    """The ball of glass for both programs at `res` x `res`: the same but for the peer's way to write an extinction, with samples and filter that variances can be told of."""
+def glass_scenes(res, sampler):
+    """The ball of glass for both programs at `res` x `res`: the same but for the peer's way to write an extinction, and with a filter whose variances can be told; `sampler`: the scene's own is ldsampler."""
     text = (ROOT / "scenes/glass_sphere/scene.xml").read_text()
     text = re.sub(r'(name="(width|height)" value=)"\d+"', rf'\1"{res}"', text).replace('rfilter type="tent"', 'rfilter type="box"')
-    text = text.replace('type="ldsampler"', 'type="independent"').replace('value="sky.exr"', f'value="{ROOT}/scenes/glass_sphere/sky.exr"')
-    scene = OUT / f"glass_{res}.xml"
+    text = text.replace('type="ldsampler"', f'type="{sampler}"').replace('value="sky.exr"', f'value="{ROOT}/scenes/glass_sphere/sky.exr"')
+    scene = OUT / f"glass_{sampler}_{res}.xml"
     scene.write_text(text)
     # The peer takes no extinction above 1 for a colour; its scale may be anything.
-    theirs = OUT / f"glass_theirs_{res}.xml"
+    theirs = OUT / f"glass_theirs_{sampler}_{res}.xml"
     theirs.write_text(text.replace('name="sigma_t" value="0.8, 1, 1.2"', 'name="sigma_t" value="0.4, 0.5, 0.6"').replace('name="milk" value="0.8"', 'name="milk" value="1.6"'))
     return scene, theirs
 

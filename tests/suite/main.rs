@@ -8,6 +8,7 @@ mod bad_scenes;
 mod balls;
 mod borders;
 mod bright;
+mod certain;
 mod chains;
 mod check;
 mod chunks;

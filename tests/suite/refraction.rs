@@ -275,32 +275,29 @@ fn scores_beside_the_critical_angle_have_a_second_moment() {
     let text = format!("{}{tail}", head.split_once("<emitter").unwrap().0);
     let (desc, mut sc) = scene(&text);
     let p = params(&desc, &sc, &["ior"]);
-    // Of the interior, and the largest of all squares over their sum, in several streams.
-    let moments = |sc: &Scene| -> [[f64; 2]; 4] {
+    // Of the interior, and the largest of all squares over their sum.
+    let moments = |sc: &Scene| -> [f64; 2] {
         let facts = Arc::new(SweepFacts::of(sc, &sc.sensors[0], &p).unwrap());
         let sweep = Sweep { scene: sc, set: &sc.settings, params: &p, facts, sensor: &sc.sensors[0] };
         let (mut rec, sensor) = (PathRecord::new(), &sc.sensors[0]);
-        let n = 1 << 17;
-        std::array::from_fn(|stream| {
-            let stream = 5 + stream as u64;
-            let (mut sum, mut largest) = (0.0, 0.0f64);
-            for i in 0..n {
-                let mut rng = Rng::keyed(7, 1, stream + 100, i);
-                let (o, w) = sensor.ray(2.0 + 2.0 * rng.uniform(), 2.0 + 2.0 * rng.uniform());
-                let mut sink = Forward::new(&p);
-                let rng = [Rng::keyed(7, 1, stream, i), Rng::keyed(7, 2, stream, i)];
-                sweep.sample(State::new(rng[0], o, w, None), rng[1], &mut rec, &mut sink, &mut Tally::default());
-                let square = sink.image[0].mean().powi(2);
-                (sum, largest) = (sum + square, largest.max(square));
-            }
-            [sum / n as f64, largest / sum]
-        })
+        let (n, streams) = (1 << 17, 8);
+        let (mut sum, mut largest) = (0.0, 0.0f64);
+        for (stream, i) in (0..streams).flat_map(|stream| (0..n).map(move |i| (5 + stream, i))) {
+            let mut rng = Rng::keyed(7, 1, stream + 100, i);
+            let (o, w) = sensor.ray(2.0 + 2.0 * rng.uniform(), 2.0 + 2.0 * rng.uniform());
+            let mut sink = Forward::new(&p);
+            let rng = [Rng::keyed(7, 1, stream, i), Rng::keyed(7, 2, stream, i)];
+            sweep.sample(State::new(rng[0], o, w, None), rng[1], &mut rec, &mut sink, &mut Tally::default());
+            let square = sink.image[0].mean().powi(2);
+            (sum, largest) = (sum + square, largest.max(square));
+        }
+        [sum / (n * streams) as f64, largest / sum]
     };
     let with = moments(&sc);
     sc.critical = Critical::default();
     let without = moments(&sc);
-    println!("second moments and shares of the largest {with:?}, without {without:?}");
-    assert!(with.iter().zip(&without).all(|(a, b)| a[1] < 0.25 && b[0] > 5.0 * a[0]), "{with:?} {without:?}");
+    println!("second moment and share of the largest {with:?}, without {without:?}");
+    assert!(with[1] < 0.1 && without[1] > 0.3 && without[0] > 5.0 * with[0], "{with:?} {without:?}");
 }
 
 /// Where indices agree the interface is not there, yet the index has a derivative.
