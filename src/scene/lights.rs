@@ -56,7 +56,8 @@ impl Scene {
         self.sensors.first().and_then(|c| self.outer_medium(c.to_world.translation, c.medium))
     }
 
-    /// Tell the media that lie in closed shapes of glass, as milk in a bottle: every way out of them turns, so that no connection to a light at infinity can succeed.
+    /// Tell the media that lie in closed shapes of glass, as milk in a bottle: every way out of them turns, so that no connection to a light at infinity can succeed. Not those
+    /// that a camera stands in: its medium may be outside as well.
     pub(super) fn prepare_shelters(&mut self) {
         // With its front outside, so that its interior is within.
         let outward = |s: &Shape| match s {
@@ -64,14 +65,17 @@ impl Scene {
                 let p = s.position(f, DVec2::new(0.3, 0.6));
                 (p - s.bounds().center()).dot(s.normal(f, p)) > 0.0
             }),
-            Shape::Mesh(m) => !m.topology().is_inside_out(),
+            Shape::Mesh(m) => m.topology().is_consistently_oriented() && !m.topology().is_inside_out(),
             _ => false,
         };
         let closed = |s: &super::Instance| s.shape.is_closed() && outward(&s.shape) && !self.is_null(s);
         let sheltered = |m: u32| {
             let mut walls =
                 self.shapes.iter().filter(|s| s.boundary && [s.interior, s.exterior].contains(&Some(m))).peekable();
-            walls.peek().is_some() && walls.all(|s| s.interior == Some(m) && s.exterior != Some(m) && closed(s))
+            let seen_from = self.sensors.iter().any(|s| s.medium == Some(m));
+            !seen_from
+                && walls.peek().is_some()
+                && walls.all(|s| s.interior == Some(m) && s.exterior != Some(m) && closed(s))
         };
         self.sheltered = (0..self.media.len() as u32).map(sheltered).collect();
         let shines = |l: &crate::light::Light| matches!(l.kind, LightKind::Area { .. });

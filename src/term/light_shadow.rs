@@ -37,8 +37,8 @@ struct Shadow {
 impl LightShadow {
     /// Silhouettes from every light whose shadows may move over something; `None` if there are none.
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<LightShadow> {
-        // Beside glass and mirrors lights may move only where nothing casts a shadow ([`super::panes`]).
-        if scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth()) && !motion.surfaces() {
+        // Beside glass and mirrors nothing may cast one ([`super::panes`], [`super::interfaces`]).
+        if scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth()) {
             return None;
         }
         let mut lights = Vec::new();

@@ -1,6 +1,6 @@
-//! Lights that move where a smooth interface is: what has to be known of the scene for its derivative to be whole without a boundary term.
+//! Lights without extent where a smooth interface is, and something moves: lights, that interface, its index, or the camera. What has to be known of the scene for the derivative to be whole without a boundary term.
 //!
-//! What light without extent brings to a vertex by one flat face is smooth in the light's place ([`crate::transport::pane_motion`]). It jumps where something opaque, or the face's own border, comes
+//! What light without extent brings to a vertex by one flat face is smooth in the places of both ([`crate::transport::pane_motion`]). It jumps where something opaque, or the face's own border, comes
 //! between, and shadows that are cast by way of a face have no room yet. So nothing may be able to cast one. Let P be all places at which light can scatter, and the lights that move, and Q where
 //! connections between them pass the face's plane. That this is so is told by hulls:
 //!
@@ -77,7 +77,7 @@ fn places(scene: &Scene, sensor: &Sensor, margin: f64, pane: &Pane) -> Result<Ve
     for s in scene.shapes.iter().filter(|s| is_opaque(scene, s)) {
         if !matches!(s.shape, Shape::Rectangle(_)) {
             let what = format!(
-                "`{}` may cast a shadow by way of `{}`, which mirrors or refracts: how that moves with the light cannot be told yet",
+                "`{}` may cast a shadow by way of `{}`, which mirrors or refracts: how that moves cannot be told yet",
                 s.name, face.name
             );
             return Err(Error::scene(&s.span, what, "only rectangles may be lit there: walls and floors"));
@@ -221,7 +221,7 @@ fn clear(scene: &Scene, pane: &Pane, light: &Light, places: &[DVec3]) -> Result<
 
 fn shadow(span: &Span, shape: &str, pane: &str, light: &str) -> Error {
     let what = format!(
-        "`{shape}` may cast a shadow of the light `{light}`, which moves, and `{pane}` mirrors or refracts: how the shadow moves cannot be told yet"
+        "`{shape}` may cast a shadow of the light `{light}`, and `{pane}` mirrors or refracts: how the shadow moves cannot be told yet"
     );
     Error::scene(span, what, "let all that light scatters at, and the interface where it does, lie on one side of it")
 }

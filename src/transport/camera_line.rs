@@ -3,7 +3,7 @@
 //! `L = T L_end + integral of T sigma_s L_ins` [T] (1) is split into its two parts: the unscattered part keeps the exact
 //! transmittance, the scattered part is a collision forced inside the line (density `sigma_t T / (1 - T_end)`, truncated
 //! exponential, [T] section 9). Thin media then lose no sample, and a white furnace is exact. Where the line ends on a
-//! reflecting surface one of the two parts is followed, chosen with a probability near its transmittance.
+//! reflecting surface one of the two parts is followed, chosen with a probability near its transmittance; both are where that is smooth, one of the first two, and an environment behind it.
 //!
 //! Through fine grids the depth is one of bounds, G ([`Line::push_bounds`]): `e^-G` of the light passes for certain, and for the rest the first *tentative* collision is forced; the flight
 //! goes on from there to a collision, or past all of the line after all. Both have the density of a flight, so nothing is weighed, and a white furnace is still exact.
@@ -93,17 +93,15 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, s: &mut State) {
         s.pending = Some(passing);
     }
     if scattered {
-        let p = if share.both { 1.0 } else { share.scatter };
         if line.bounded {
-            force_flight(w, s, &line, p, end, poles.as_deref());
+            force_flight(w, s, &line, share.scatter, end, poles.as_deref());
         } else {
-            force_collision(w, s, &line, p, poles.as_deref());
+            force_collision(w, s, &line, share.scatter, poles.as_deref());
         }
     } else if transmitted.is_zero() {
         s.stage = Stage::Done;
     } else {
-        let p = if share.both { 1.0 } else { 1.0 - share.scatter };
-        unscattered(s, end, prefix * transmitted * (1.0 / p));
+        unscattered(s, end, prefix * transmitted * (1.0 / (1.0 - share.scatter)));
         record_passing(w, s, pieces, false);
     }
 }
@@ -111,6 +109,7 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, s: &mut State) {
 #[derive(Clone, Copy)]
 struct Share {
     scatter: f64,
+    /// Then `scatter` is 1.
     both: bool,
 }
 

@@ -10,7 +10,7 @@
 //! *As the vertex, the face and its indices do* ([`PaneConnection`], a leg of [`super::motion`]): the same formulas, in dual numbers over all of these. Both lines are rays in motion ([`MovingRay`]): from x against the light, starting with ẋ
 //! and turning with -ω̇₁, and from the point of crossing, with its velocity and -ω̇₀, to the light, which stays.
 //!
-//! All of it is linear in slots: forward and reverse mode read the same numbers.
+//! All of it is linear in slots: forward and reverse mode read the same numbers. Known to be noisy: connections mirrored near total reflection, where F has the slope δ^-1/2 (the second moment grows like a logarithm).
 
 use super::aim::{self, Line, Turn};
 use super::first::FilmLine;
@@ -212,7 +212,8 @@ impl<'a> PaneConnection<'a> {
             MovingRay::new(self.x, self.toward(), sources[0].clone(), back(behind)),
             MovingRay::new(r.at.value(), -r.before.value(), crossing, back(before)),
         ];
-        let reached = |p: &&Piece| (p.end() - self.x).dot(self.toward()) <= r.lengths[1].v * (1.0 + 1e-9);
+        let length = r.lengths[1].v * (1.0 + 1e-9) + scene.tolerance(self.x);
+        let reached = |p: &&Piece| (p.end() - self.x).dot(self.toward()) <= length;
         let own = pieces.iter().take_while(|p| p.w.dot(self.toward()) > 1.0 - 1e-9).take_while(reached).count();
         for (k, piece) in pieces.iter().enumerate() {
             let line = FilmLine { scene, moving: cx.moving, ray: &lines[usize::from(k >= own)] };
