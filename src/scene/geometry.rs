@@ -56,15 +56,21 @@ impl On {
         On { alone: true, ..On::at(hit) }
     }
 
-    /// After passing through an interface: the faces passed at the same point are remembered together.
-    pub fn crossed(&self, hit: &Hit, tolerance: f64) -> Self {
-        if hit.t > tolerance || self.len == 4 {
+    /// After passing through an interface along w: the faces passed at the same point are remembered together.
+    pub fn crossed(&self, hit: &Hit, w: DVec3, tolerance: f64) -> Self {
+        if !self.reaches(hit, w, tolerance) || self.len == 4 {
             return On::at(hit);
         }
         let mut on = *self;
         on.faces[on.len as usize] = (hit.shape, hit.face);
         on.len += 1;
         on
+    }
+
+    /// Whether a ray along w from these faces meets this one at their own point, but for rounding.
+    pub fn reaches(&self, hit: &Hit, w: DVec3, tolerance: f64) -> bool {
+        let near = hit.t <= tolerance || hit.t <= tolerance * GRAZING && hit.t * hit.n.dot(w).abs() <= tolerance;
+        near && self.len > 0
     }
 
     /// The face of `shape` that the origin lies on.
@@ -220,12 +226,21 @@ impl Group {
             let shape = &scene.shapes[id as usize];
             let limit = best.map_or(t_max, |b| b.0);
             let mut start = on.face(id).map(|face| Start { face });
-            for _ in 0..2 {
-                let Some((t, face)) = shape.shape.cross(o, w, -behind, limit, start) else { break };
+            // A ray that grazes a plane within rounding of its origin may have crossed that further back.
+            let flat = matches!(shape.shape, Shape::Rectangle(_) | Shape::Disk(_) | Shape::Cube(_));
+            let mut back = if flat && !on.alone { behind * GRAZING } else { behind };
+            for _ in 0..3 {
+                let Some((t, face)) = shape.shape.cross(o, w, -back, limit, start) else { break };
+                let normal = || shape.shape.normal(face, o + w * t);
+                let coincides = t <= tolerance || t <= back && t * normal().dot(w).abs() <= tolerance;
+                if t < -behind && (t * normal().dot(w)).abs() > tolerance {
+                    back = behind;
+                    continue;
+                }
                 let consistent = match medium {
                     Medium::Any => true,
-                    Medium::Inside(m) if t <= tolerance => {
-                        let n = shape.shape.normal(face, o + w * t);
+                    Medium::Inside(m) if coincides => {
+                        let n = normal();
                         !shape.boundary || if w.dot(n) < 0.0 { shape.exterior == m } else { shape.interior == m }
                     }
                     Medium::Inside(_) => true,
@@ -283,6 +298,9 @@ impl Group {
         })
     }
 }
+
+/// How much further than a perpendicular one a ray that grazes a plane may come from beyond it, and still have started on it within rounding.
+const GRAZING: f64 = 1e4;
 
 /// How faces within rounding of the origin are judged.
 #[derive(Clone, Copy)]
@@ -478,7 +496,7 @@ impl Scene {
             if shape.boundary {
                 return Some(if w.dot(h.n) > 0.0 { shape.interior } else { shape.exterior });
             }
-            on = on.crossed(&h, self.tolerance(h.p));
+            on = on.crossed(&h, w, self.tolerance(h.p));
             (o, left) = (h.p, left - t);
         }
         None

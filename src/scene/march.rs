@@ -38,7 +38,7 @@ impl March {
     /// Go on behind an interface, straight.
     pub fn pass(&mut self, scene: &Scene, hit: &Hit) {
         self.medium = scene.shapes[hit.shape as usize].medium_behind(self.w, hit.n, self.medium);
-        self.on = self.on.crossed(hit, scene.tolerance(hit.p));
+        self.on = self.on.crossed(hit, self.w, scene.tolerance(hit.p));
         self.o = hit.p;
         self.before += hit.t;
     }

@@ -80,7 +80,8 @@ fn places(scene: &Scene, sensor: &Sensor, margin: f64, pane: &Pane) -> Result<Ve
                 "`{}` may cast a shadow by way of `{}`, which mirrors or refracts: how that moves cannot be told yet",
                 s.name, face.name
             );
-            return Err(Error::scene(&s.span, what, "only rectangles may be lit there: walls and floors"));
+            let remedy = "take it out, or make it of rectangles: only these may be lit there, walls and floors";
+            return Err(Error::scene(&s.span, what, remedy));
         }
         places.extend(beams::corners(&s.shape, 0));
     }
@@ -196,7 +197,14 @@ fn clear(scene: &Scene, pane: &Pane, light: &Light, places: &[DVec3]) -> Result<
         Origin::Position(q) => (q - V3::constant(pane.p)).dot(V3::constant(pane.n)).abs() <= ends::contact(scene),
         Origin::Infinity(_) => false,
     };
-    if on_plane || !passed.iter().all(|&p| covers(&face.shape, p)) {
+    if on_plane {
+        let what = format!(
+            "the light `{}` lies in the plane of `{}`, which mirrors or refracts: how what it sends moves cannot be differentiated there",
+            light.name, face.name
+        );
+        return Err(Error::scene(&face.span, what, "move one of them a little"));
+    }
+    if !passed.iter().all(|&p| covers(&face.shape, p)) {
         let what = format!(
             "light of `{}` may pass the border of `{}`, which mirrors or refracts: how its shadow moves cannot be differentiated yet",
             light.name, face.name
@@ -223,7 +231,13 @@ fn shadow(span: &Span, shape: &str, pane: &str, light: &str) -> Error {
     let what = format!(
         "`{shape}` may cast a shadow of the light `{light}`, and `{pane}` mirrors or refracts: how the shadow moves cannot be told yet"
     );
-    Error::scene(span, what, "let all that light scatters at, and the interface where it does, lie on one side of it")
+    Error::scene(
+        span,
+        what,
+        &format!(
+            "take it out, or let all that light scatters at, and the interface where it does, lie on one side of `{shape}`"
+        ),
+    )
 }
 
 fn is_opaque(scene: &Scene, s: &Instance) -> bool {

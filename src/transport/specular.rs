@@ -96,11 +96,12 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
 }
 
 /// What a ray along w starts on behind the surface. Where faces coincide: what it has just left stays behind one that goes through, may be met again by one that is mirrored outside, and
-/// is out of reach of one that is mirrored inside.
+/// is out of reach of one that is mirrored inside, unless that has just passed it.
 pub(crate) fn left(on: &On, hit: &Hit, w: DVec3, through: bool, tolerance: f64) -> On {
     match (through, w.dot(hit.n) > 0.0) {
-        (true, _) => on.crossed(hit, tolerance),
+        (true, _) => on.crossed(hit, w, tolerance),
         (false, false) => On::at(hit),
+        (false, true) if on.reaches(hit, w, tolerance) => On::at(hit),
         (false, true) => On::inside(hit),
     }
 }

@@ -36,7 +36,7 @@ impl<'a> Facing<'a> {
     pub fn new(scene: &'a Scene, s: &State, hit: &Hit) -> (Self, On) {
         let shape = &scene.shapes[hit.shape as usize];
         let surface = &scene.surfaces[shape.surface as usize];
-        let beyond = (s.on.crossed(hit, scene.tolerance(hit.p)), shape.medium_behind(s.w, hit.n, s.medium));
+        let beyond = (s.on.crossed(hit, s.w, scene.tolerance(hit.p)), shape.medium_behind(s.w, hit.n, s.medium));
         // As for a smooth one: what coincides with a face that is left by a mirrored ray from inside is out of its reach.
         let inside = surface.is_transparent() && s.w.dot(hit.n) > 0.0;
         let near = if inside { On::inside(hit) } else { On::at(hit) };

@@ -87,7 +87,7 @@ fn the_term_is_a_term() {
     }
 }
 
-/// A path that starts right at a border finds its way out, however flat: from the rounded point itself some do not, and their light is lost.
+/// A path that starts right at a border finds its way out, however flat, and from the rounded point itself, wherever rounding has put that: a ray that grazes a plane may have crossed it further back than points are told apart.
 #[test]
 fn light_scattered_at_a_border_leaves_the_medium() {
     use tyndall::math::rng::Rng;
@@ -98,7 +98,7 @@ fn light_scattered_at_a_border_leaves_the_medium() {
     let borders = Borders::new(&sc, &params(&desc, &sc, &["x"]));
     let mut rng = Rng::keyed(8, 0, 0, 0);
     let mut direction = || DVec3::new(rng.uniform() - 0.5, rng.uniform() - 0.5, rng.uniform() - 0.5).normalize();
-    let (mut places, mut lost) = (0, 0);
+    let mut places = 0;
     for _ in 0..20_000 {
         let (o, w) = (DVec3::new(0.0, 1.2, 4.0), (direction() * 0.4 + DVec3::new(0.1, -0.3, -4.0)).normalize());
         let Some(entry) = sc.boundary(o, w, f64::INFINITY, &On::default(), None) else { continue };
@@ -112,14 +112,13 @@ fn light_scattered_at_a_border_leaves_the_medium() {
             let flat = ((flat - n * flat.dot(n)).normalize() + n * 1e-4).normalize();
             let leaves =
                 |p: DVec3| sc.boundary(p, flat, f64::INFINITY, &On::default(), Some(0)).is_some_and(|h| h.t < 1e-8);
-            assert!(leaves(place.inside(&sc)), "{place:?} {flat}");
+            assert!(leaves(place.inside(&sc)) && leaves(place.p), "{place:?} {flat}");
             assert!((place.inside(&sc) - place.p).length() < 1e-12);
             places += 1;
-            lost += usize::from(!leaves(place.p));
         }
     }
-    // Otherwise this test shows nothing.
-    assert!(places > 10_000 && lost > 100, "{lost} of {places}");
+    // Of so many, hundreds of rounded points lost their way where only rays from within the tolerance along them counted.
+    assert!(places > 10_000, "{places}");
 }
 
 /// The smoke of scenes/fire moves, turns and grows in a box that stands still, and in one that goes along.
