@@ -16,13 +16,13 @@ use super::aim::{self, Line, Turn};
 use super::first::FilmLine;
 use super::motion::Chained;
 use super::pane::{Plane, Reach, reach, reach_by};
-use super::piece::{Piece, Stop, outer};
+use super::piece::{Piece, Stop};
 use super::ray::MovingRay;
 use super::specular;
 use super::velocity::{Source, Velocity};
 use crate::light::{LightKind, Origin, spot_falloff};
 use crate::math::rng::Rng;
-use crate::math::{DMat3, DVec3, Dual, Rgb, V3, fresnel, gradient, warp};
+use crate::math::{DMat3, DVec3, Dual, Rgb, V3, fresnel, gradient};
 use crate::params::{Covector, ParamSet, Sink, Slot};
 use crate::scene::panes::Pane;
 use crate::scene::{On, Scene};
@@ -155,11 +155,8 @@ impl<'a> PaneConnection<'a> {
         if !moves {
             return [here, Velocity::default(), Velocity::default()];
         }
-        let matter = |p: DVec3| Velocity::of(Source::Shape { shape, face }, p);
-        // Matter is affine: ṅ = -Σ t <n, v(p+t) - v(p)> over two tangents.
-        let (s, t) = warp::frame(n);
-        let turning = |t: DVec3| matter(p + t).plus(-1.0, &matter(p)).mapped(-outer(t, n));
-        [here, matter(p), turning(s).plus(1.0, &turning(t))]
+        let matter = Source::Shape { shape, face };
+        [here, Velocity::of(matter, p), Velocity::of_normal(matter, p, n)]
     }
 
     /// The dielectric's slots that change.

@@ -8,7 +8,7 @@ use super::first::FilmLine;
 use super::piece::{Stop, outer};
 use super::velocity::{Source, Velocity};
 use crate::math::fresnel::{Interface, conductor};
-use crate::math::{DMat3, DVec3, Dual, Real, Rgb, V3, warp};
+use crate::math::{DMat3, DVec3, Dual, Real, Rgb, V3};
 use crate::params::{Covector, Sink, Slot};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
@@ -229,14 +229,9 @@ impl FilmLine<'_> {
         let mut over = start.clone();
         let mut normal = Velocity::default();
         if self.moving.moves(shape) {
-            let matter = |p: DVec3| Velocity::of(Source::at(&b.hit), p);
-            over = over.plus(-1.0, &matter(p));
-            // Matter is affine: ṅ = -Σ t <n, v(p+t) - v(p)> over two tangents.
-            let (t1, t2) = warp::frame(n);
-            for t in [t1, t2] {
-                let turning = matter(p + t).plus(-1.0, &matter(p));
-                normal = normal.plus(-1.0, &turning.mapped(outer(t, n)));
-            }
+            let matter = Source::at(&b.hit);
+            over = over.plus(-1.0, &Velocity::of(matter, p));
+            normal = Velocity::of_normal(matter, p, n);
         }
         normal.plus(1.0, &over.mapped(self.scene.shapes[shape as usize].shape.curvature(p, n)))
     }

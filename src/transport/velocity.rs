@@ -1,6 +1,7 @@
 //! How a point moves: linear in the motions of shapes and camera, and kept as such, so that forward and reverse mode read the same numbers.
 
-use crate::math::{DMat3, DVec3, Rgb};
+use super::piece::outer;
+use crate::math::{DMat3, DVec3, Rgb, warp};
 use crate::params::{Covector, Partial, Sink, Slot};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
@@ -63,6 +64,15 @@ impl Velocity {
     /// Of a point that goes with its source.
     pub fn of(source: Source, p: DVec3) -> Velocity {
         Velocity { points: vec![(source, p, DMat3::IDENTITY)], values: Vec::new() }
+    }
+
+    /// How the unit normal n of a source turns at p. Matter is affine: `ṅ = -Σ t <n, v(p+t) - v(p)>` over two tangents.
+    pub fn of_normal(source: Source, p: DVec3, n: DVec3) -> Velocity {
+        let (s, t) = warp::frame(n);
+        [s, t].into_iter().fold(Velocity::default(), |sum, t| {
+            let turning = Velocity::of(source, p + t).plus(-1.0, &Velocity::of(source, p));
+            sum.plus(-1.0, &turning.mapped(outer(t, n)))
+        })
     }
 
     /// What goes with a slot, `ẋ = ṡ v`.
