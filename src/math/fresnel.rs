@@ -41,11 +41,14 @@ impl<R: Real> Interface<R> {
         self.q
     }
 
-    /// The refracted direction [T] (40) of one that travels along d against the normal n; `None` in total reflection.
+    /// a of the refracted direction `η d + a n` of one that travels along d against the normal n, [T] (40); `None` in total reflection.
+    pub fn bend(&self) -> Option<R> {
+        Some(self.epsilon * (self.epsilon + 2.0) / (self.eta * self.c + self.q?))
+    }
+
+    /// That direction.
     pub fn refract(&self, d: V3<R>, n: V3<R>) -> Option<V3<R>> {
-        let q = self.q?;
-        let k = -(self.epsilon * (self.epsilon + 2.0));
-        Some(d + d * self.epsilon - n * (k / (self.eta * self.c + q)))
+        Some(d + d * self.epsilon + n * self.bend()?)
     }
 }
 

@@ -140,7 +140,7 @@ pub struct Facts {
     pub border_jump: bool,
     pub dielectric: bool,
     /// All of it is one flat face: a rectangle or a disk.
-    pub one_pane: bool,
+    pub only_panes: bool,
     /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,
     /// A ball of glass or a mirror ball, and something outside of it that scatters.
@@ -354,15 +354,16 @@ impl Plan {
             };
             let matter = motion.opaque || motion.area_light || motion.camera;
             let light = motion.zero_measure_light || motion.profile;
-            // By way of one flat face all light of lights without extent is known, where nothing casts shadows: `term::panes` sees to that.
+            // By way of flat faces all light of lights without extent is known, where they are parallel and nothing casts shadows: `term::panes` sees to that.
             let turns = motion.camera || motion.ior || motion.interface;
-            let known =
-                facts.one_pane && !(motion.opaque || motion.area_light) && (light || facts.zero_measure_light && turns);
+            let known = facts.only_panes
+                && !(motion.opaque || motion.area_light)
+                && (light || facts.zero_measure_light && turns);
             if known {
                 let why = if turns {
-                    "a light shines by way of one flat face"
+                    "a light shines by way of flat faces"
                 } else {
-                    "a light moves that shines by way of one flat face"
+                    "a light moves that shines by way of flat faces"
                 };
                 all.entry(Term::C).or_insert_with(|| format!("{why} ({name})"));
             }
@@ -391,7 +392,7 @@ impl Plan {
                 && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface))
             {
                 let why = "what moves may be seen or lit by way of an interface";
-                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or take the glass and mirrors out: all but one flat face, where nothing opaque moves";
+                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or take the glass and mirrors out: all but rectangles and disks that are parallel to one another, where nothing opaque moves";
                 miss(Term::S, why, zero_measure(&parts).map(|l| Cause::of_light(l, remedy)));
             }
             let turns = motion.ior || motion.interface || motion.beam;
@@ -494,8 +495,8 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         cut_beam: p.lights.iter().any(|l| beam(&l.kind)) && p.shapes.iter().any(|s| outlined(s.surface)),
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
-        one_pane: p.shapes.iter().filter(|s| smooth(s.surface)).count() == 1
-            && p.shapes.iter().any(|s| smooth(s.surface) && matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk)),
+        only_panes: p.shapes.iter().any(|s| smooth(s.surface))
+            && p.shapes.iter().all(|s| !smooth(s.surface) || matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk)),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),
         rims: rims(p),

@@ -5,6 +5,9 @@ use super::beams::is_flat;
 use crate::math::{DVec2, DVec3};
 use crate::shape::Geometry;
 
+/// Sine between normals that count as parallel.
+const PARALLEL: f64 = 1e-9;
+
 /// A face of a rectangle, disk or cube of glass or metal.
 #[derive(Clone, Copy, Debug)]
 pub struct Pane {
@@ -30,9 +33,11 @@ impl Scene {
         self.panes = panes;
     }
 
-    /// Whether all light of lights without extent that smooth surfaces send on is found: one flat face, which no other can follow.
-    pub fn shows_all_delta_light(&self) -> bool {
-        let smooth: Vec<_> = self.shapes.iter().filter(|s| self.surfaces[s.surface as usize].is_smooth()).collect();
-        smooth.len() == 1 && smooth.iter().all(|s| is_flat(&s.shape) && s.shape.face_count() == 1)
+    /// Whether all that is smooth is flat faces by themselves, rectangles and disks, parallel to one another.
+    pub fn has_parallel_panes(&self) -> bool {
+        let mut smooth = self.shapes.iter().filter(|s| self.surfaces[s.surface as usize].is_smooth());
+        let single = smooth.all(|s| is_flat(&s.shape) && s.shape.face_count() == 1);
+        let parallel = |p: &Pane| self.panes[0].n.cross(p.n).length() <= PARALLEL;
+        single && !self.panes.is_empty() && self.panes.iter().all(parallel)
     }
 }

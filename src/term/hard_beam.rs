@@ -98,7 +98,7 @@ impl HardBeams {
         cx.tally = cx.tally.plus(&walker.tally);
         let RimRecord { path: rec, points, .. } = rec;
         let mut starts = Starts::default();
-        starts.find(cx.scene, cx.moving, &rec, Opening::default());
+        starts.find_all(cx.scene, cx.moving, &rec, Opening::default());
         for (k, e) in rec.events.iter().enumerate() {
             let Some((leg, nth)) = starts.next_at(k) else { continue };
             let velocity = |span: &MediumSpan, p: DVec3| match nth {

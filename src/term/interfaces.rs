@@ -24,14 +24,14 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     let smooth = |s: &&Instance| scene.surfaces[s.surface as usize].is_smooth();
     let Some(interface) = scene.shapes.iter().find(smooth) else { return Ok(()) };
     let name = &interface.name;
-    // Beams find their way, and others by way of one flat face.
+    // Beams find their way, and others by way of flat faces that are parallel.
     let others = scene.lights.iter().zip(&motion.lights).filter(|(l, _)| !matches!(l.kind, LightKind::Beam { .. }));
     let moves = others.into_iter().any(|(_, m)| m.position || m.direction || m.angles);
     if moves && !panes::are_known(scene, motion) {
         let what = format!(
             "`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet"
         );
-        let remedy = "only one flat face, a rectangle or a disk, may be there, and nothing but lights, the camera and that face may move; else differentiate with respect to something else";
+        let remedy = "only flat faces that are parallel to one another, rectangles and disks, may be there, and nothing but lights, the camera and these faces may move; else differentiate with respect to something else";
         return Err(Error::scene(&interface.span, what, remedy));
     }
     // An index that changes moves what is behind it.

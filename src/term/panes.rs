@@ -1,35 +1,36 @@
 //! Lights without extent where a smooth interface is, and something moves: lights, that interface, its index, or the camera. What has to be known of the scene for the derivative to be whole without a boundary term.
 //!
-//! What light without extent brings to a vertex by one flat face is smooth in the places of both ([`crate::transport::pane_motion`]). It jumps where something opaque, or the face's own border, comes
+//! What light without extent brings to a vertex by flat faces is smooth in the places of all ([`crate::transport::way_motion`]). It jumps where something opaque, or a face's own border, comes
 //! between, and shadows that are cast by way of a face have no room yet. So nothing may be able to cast one. Let P be all places at which light can scatter, and the lights that move, and Q where
-//! connections between them pass the face's plane. That this is so is told by hulls:
+//! connections between them pass the faces' planes, which are parallel. That this is so is told by hulls:
 //!
-//! * The face covers Q. For a light with a position Q lies between the feet of P on the plane; for one at infinity Q is P along its three directions (straight, refracted, mirrored).
-//!   Both are images of convex sets: corners of boxes decide.
+//! * Each face covers Q on its plane. Light by parallel planes keeps to one plane across them, and to one sense along it: for a light with a position Q lies between the feet of P. For one at infinity Q is P along
+//!   the lines of its ways (straight, by one face, by chains of them), each extended to all planes. Both are images of convex sets: corners of boxes decide.
 //! * Everything opaque is a rectangle with all of P and Q on one side of its plane, and lights at infinity too: no segment of a connection passes it.
 //!
-//! Media in cubes and spheres, and grids, are boxes in P. One medium may go on without end behind the face where nothing else is and the camera sees it through the face, or stands in it: P ends where light
+//! Media in cubes and spheres, and grids, are boxes in P. One medium may go on without end behind a single face where nothing else is and the camera sees it through the face, or stands in it: P ends where light
 //! that has gone so far is less than e^-40 of what it was. No other medium may touch the light: beside it connections by way of the face would need [`crate::transport::beside`].
 //! Turning a spot, or opening it, moves no shadow: it asks for nothing of this.
 
 use super::{Motion, ends};
 use crate::error::{Error, Result, Span};
-use crate::light::{Light, LightKind, Origin};
-use crate::math::{DVec2, DVec3, Rgb, V3};
+use crate::light::{LightKind, Origin};
+use crate::math::fold::Fold;
+use crate::math::{DVec2, DVec3, Rgb};
+use crate::scene::chains::Link;
 use crate::scene::panes::Pane;
 use crate::scene::{Instance, Scene, beams};
 use crate::sensor::Sensor;
 use crate::shape::{Bounds, Geometry, Shape};
-use crate::transport::pane::directions;
 
 /// Depths of absorption, and of extinction beyond three a scattering, after which light is at most e^-40.
 const ABSORBED: f64 = 40.0;
 const EXTINCT: f64 = 60.0;
 
-/// Whether all that lights without extent send by way of smooth surfaces comes by one flat face, and nothing moves but lights, the camera and that face.
+/// Whether all that lights without extent send by way of smooth surfaces comes by flat faces that are parallel, and nothing moves but lights, the camera and these faces.
 pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
     let moves = |k: u32| motion.moves(k) && !scene.surface_of(k).is_smooth();
-    scene.shows_all_delta_light() && !(0..scene.shapes.len() as u32).any(moves)
+    scene.has_parallel_panes() && !(0..scene.shapes.len() as u32).any(moves)
 }
 
 pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Result<()> {
@@ -38,6 +39,16 @@ pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Re
     let refuse = |what: String, remedy: &str| Err(Error::scene(&face.span, what, remedy));
     // Vertices that ride on camera rays, and a face that moves or refracts otherwise, carry the light of all lights past the same borders.
     let carried = motion.surfaces() && are_known(scene, motion);
+    let lit = || scene.lights.iter().zip(&motion.lights).any(|(l, m)| l.is_delta() && (m.position || m.direction));
+    if !scene.has_parallel_panes() && (carried || lit()) {
+        let name = |p: &Pane| &scene.shapes[p.shape as usize].name;
+        let other = scene.panes.last().map_or(&face.name, name);
+        let what = format!(
+            "`{}` and `{other}` mirror or refract and are not parallel, and light without extent falls on them: how that moves cannot be told yet",
+            face.name
+        );
+        return refuse(what, "turn them so that they are parallel, or keep one of them");
+    }
     let mut region = None;
     for (id, (light, m)) in scene.lights.iter().zip(&motion.lights).enumerate().filter(|(_, (l, _))| l.is_delta()) {
         let turns = m.direction || m.angles;
@@ -65,7 +76,7 @@ pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Re
             region = Some(places(scene, sensor, margin, pane)?);
         }
         let Some(places) = &region else { continue };
-        clear(scene, pane, light, places)?;
+        clear(scene, id as u32, places)?;
     }
     Ok(())
 }
@@ -85,7 +96,7 @@ fn places(scene: &Scene, sensor: &Sensor, margin: f64, pane: &Pane) -> Result<Ve
         }
         places.extend(beams::corners(&s.shape, 0));
     }
-    let is_pane = |s: &Instance| std::ptr::eq(s, face);
+    let is_pane = |s: &Instance| scene.surfaces[s.surface as usize].is_smooth();
     let mut endless = None;
     for (id, m) in scene.media.iter().enumerate() {
         let id = Some(id as u32);
@@ -110,7 +121,8 @@ fn places(scene: &Scene, sensor: &Sensor, margin: f64, pane: &Pane) -> Result<Ve
                 "put the medium into a cube or a sphere, or behind the interface alone",
             ));
         }
-        let behind = face.boundary && (face.interior == id || face.exterior == id);
+        let panes = scene.panes.iter().map(|p| &scene.shapes[p.shape as usize]);
+        let behind = panes.into_iter().any(|s| s.boundary && (s.interior == id || s.exterior == id));
         let eye = sensor.to_world.translation;
         let held = scene.shapes.iter().filter(inside).any(|s| s.shape.bounds().contains(eye));
         let around = sensor.medium == id && !(held && scene.outer_medium(eye, id) != id);
@@ -136,7 +148,11 @@ fn reached(scene: &Scene, sensor: &Sensor, margin: f64, pane: &Pane, id: u32) ->
     };
     // Behind the face alone: on one side of it.
     let sides = [face.exterior, face.interior].map(|s| face.boundary && s == Some(id));
-    if sides[0] == sides[1] || scene.media.len() > 1 || scene.shapes.iter().any(|s| is_opaque(scene, s)) {
+    if sides[0] == sides[1]
+        || scene.media.len() > 1
+        || scene.panes.len() > 1
+        || scene.shapes.iter().any(|s| is_opaque(scene, s))
+    {
         return refuse(
             "and something else is there, too",
             "let the medium be on one side of the interface, by itself; or put it into a cube",
@@ -176,55 +192,90 @@ fn reached(scene: &Scene, sensor: &Sensor, margin: f64, pane: &Pane, id: u32) ->
 }
 
 /// Nothing comes between the light and these places, nor will where it moves.
-fn clear(scene: &Scene, pane: &Pane, light: &Light, places: &[DVec3]) -> Result<()> {
-    let face = &scene.shapes[pane.shape as usize];
+fn clear(scene: &Scene, id: u32, places: &[DVec3]) -> Result<()> {
+    let light = &scene.lights[id as usize];
     let Some(origin) = light.origin() else { return Ok(()) };
     let mut hull = places.to_vec();
-    let foot = |p: DVec3| p - pane.n * (p - pane.p).dot(pane.n);
-    let passed: Vec<DVec3> = match origin {
+    let passed: Vec<(&Pane, DVec3)> = match origin {
         Origin::Position(q) => {
             hull.push(q.value());
-            hull.iter().map(|&p| foot(p)).collect()
+            let foot = |pane: &Pane, p: DVec3| p - pane.n * (p - pane.p).dot(pane.n);
+            scene.panes.iter().flat_map(|pane| hull.iter().map(move |&p| (pane, foot(pane, p)))).collect()
         }
         Origin::Infinity(w) => {
-            let surface = &scene.surfaces[face.surface as usize];
-            let along = |p: DVec3, w: DVec3| p - w * ((p - pane.p).dot(pane.n) / w.dot(pane.n));
-            let ways = directions(surface, pane, w.value());
-            places.iter().flat_map(|&p| ways.iter().map(move |&w| along(p, w))).collect()
+            let ways = ways(scene, id, w.value());
+            ways.iter().flat_map(|way| places.iter().flat_map(|&p| along(scene, way, w.value(), p))).collect()
         }
     };
-    let on_plane = match origin {
-        Origin::Position(q) => (q - V3::constant(pane.p)).dot(V3::constant(pane.n)).abs() <= ends::contact(scene),
-        Origin::Infinity(_) => false,
-    };
-    if on_plane {
-        let what = format!(
-            "the light `{}` lies in the plane of `{}`, which mirrors or refracts: how what it sends moves cannot be differentiated there",
-            light.name, face.name
-        );
-        return Err(Error::scene(&face.span, what, "move one of them a little"));
-    }
-    if !passed.iter().all(|&p| covers(&face.shape, p)) {
-        let what = format!(
-            "light of `{}` may pass the border of `{}`, which mirrors or refracts: how its shadow moves cannot be differentiated yet",
-            light.name, face.name
-        );
-        let remedy = "make the rectangle so large that it lies between all that light scatters at and the light; put media into cubes, which say where they end";
-        return Err(Error::scene(&face.span, what, remedy));
-    }
     let contact = ends::contact(scene);
+    for pane in &scene.panes {
+        let face = &scene.shapes[pane.shape as usize];
+        let height = match origin {
+            Origin::Position(q) => (q.value() - pane.p).dot(pane.n).abs(),
+            Origin::Infinity(_) => f64::INFINITY,
+        };
+        if height <= contact {
+            let what = format!(
+                "the light `{}` lies in the plane of `{}`, which mirrors or refracts: how what it sends moves cannot be differentiated there",
+                light.name, face.name
+            );
+            return Err(Error::scene(&face.span, what, "move one of them a little"));
+        }
+        if !passed.iter().all(|(at, p)| !std::ptr::eq(*at, pane) || covers(&face.shape, *p)) {
+            let what = format!(
+                "light of `{}` may pass the border of `{}`, which mirrors or refracts: how its shadow moves cannot be differentiated yet",
+                light.name, face.name
+            );
+            let remedy = "make the rectangle so large that it lies between all that light scatters at and the light; put media into cubes, which say where they end";
+            return Err(Error::scene(&face.span, what, remedy));
+        }
+    }
     for s in scene.shapes.iter().filter(|s| is_opaque(scene, s)) {
         let corners = beams::corners(&s.shape, 0);
         let Some(&o) = corners.first() else { continue };
         let n = s.shape.normal(0, o);
-        let heights: Vec<f64> = hull.iter().chain(&passed).map(|&p| (p - o).dot(n)).collect();
+        let points = hull.iter().copied().chain(passed.iter().map(|x| x.1));
+        let heights: Vec<f64> = points.map(|p| (p - o).dot(n)).collect();
         let toward = light.single_direction().map_or(0.0, |w| w.dot(n));
         let clear = |sign: f64| toward * sign >= 0.0 && heights.iter().all(|h| h * sign >= -contact);
         if !clear(1.0) && !clear(-1.0) {
-            return Err(shadow(&s.span, &s.name, &face.name, &light.name));
+            let face = scene.panes.first().map_or(&s.name, |p| &scene.shapes[p.shape as usize].name);
+            return Err(shadow(&s.span, &s.name, face, &light.name));
         }
     }
     Ok(())
+}
+
+/// By which planes light at infinity, travelling along w, may come: none, one, or those of a chain.
+fn ways(scene: &Scene, id: u32, w: DVec3) -> Vec<Vec<Fold>> {
+    let chains = &scene.chains;
+    let fold = |links: &[Link]| links.iter().map(|l| chains.fold(scene, l)).collect::<Vec<_>>();
+    let single = (0..)
+        .zip(&chains.faces)
+        .flat_map(|(face, f)| [true, false].map(|through| fold(&[Link { face, front: w.dot(f.n) < 0.0, through }])));
+    let several = chains.list.iter().filter(|c| c.light == id).map(|c| fold(&c.links));
+    std::iter::once(Vec::new()).chain(single).chain(several).collect()
+}
+
+/// Where the lines of a way to p meet the planes of all panes.
+fn along<'a>(scene: &'a Scene, way: &[Fold], w: DVec3, p: DVec3) -> Vec<(&'a Pane, DVec3)> {
+    let directions = way.iter().scan(Some(w), |w, f| {
+        *w = w.and_then(|w| f.behind(w));
+        Some(*w)
+    });
+    let Some(directions) = std::iter::once(Some(w)).chain(directions).collect::<Option<Vec<DVec3>>>() else {
+        return Vec::new();
+    };
+    let mut p = p;
+    let mut passed = Vec::new();
+    for (k, w) in directions.iter().enumerate().rev() {
+        let meets = |at: DVec3, n: DVec3| p - *w * ((p - at).dot(n) / w.dot(n));
+        passed.extend(scene.panes.iter().map(|pane| (pane, meets(pane.p, pane.n))));
+        if let Some(f) = k.checked_sub(1).map(|i| &way[i]) {
+            p = meets(f.p, f.n);
+        }
+    }
+    passed
 }
 
 fn shadow(span: &Span, shape: &str, pane: &str, light: &str) -> Error {

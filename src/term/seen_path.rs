@@ -118,8 +118,8 @@ impl Path {
         let mut ray = moving.film_ray().clone();
         for leg in &self.legs[v.opening.legs[0] as usize..v.opening.legs[1] as usize] {
             let line = FilmLine { scene, moving, ray: &ray };
-            let came = line.coming(&line.opening(leg.before()), leg);
-            ray = FilmLine { scene, moving, ray: &came }.behind(leg.end());
+            let came = line.coming(&line.opening(&leg.before), &leg.before, &leg.end);
+            ray = FilmLine { scene, moving, ray: &came }.behind(&leg.end);
         }
         let line = FilmLine { scene, moving, ray: &ray };
         match (v.opening.first, v.opening.second) {
@@ -149,7 +149,8 @@ impl Recorder for Path {
     const CONNECTS: bool = false;
 
     fn push(&mut self, e: Event) {
-        self.legs.extend(self.opening.follow(&e));
+        self.legs.extend(self.opening.ended_by(&e));
+        self.opening.follow(&e);
     }
 
     /// Called once a stage: the walk scatters at these, if it may.

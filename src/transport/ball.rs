@@ -2,7 +2,7 @@
 //! Nothing is drawn. Caustics are where the gain has no bound; it is integrable and never clamped.
 
 use super::pane::{self, Found};
-use super::record::{End, Recorder};
+use super::record::Recorder;
 use super::vertex::Vertex;
 use super::walk::{State, Walker};
 use crate::light::Origin;
@@ -41,8 +41,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
                 let Some((way, points)) = b.way(surface, id as u32, (from, far), &way, s.o) else { continue };
                 let Some(&first) = points.last() else { continue };
                 let Some(emission) = light.emission_toward(first) else { continue };
-                let end = if far { End::Infinity(from) } else { End::Point(id as u32) };
-                pane::score(w, s, vertex, &Found { way: &way, points: &points, emission, end });
+                pane::score(w, s, vertex, &Found { way: &way, points: &points, emission });
             }
         }
     }

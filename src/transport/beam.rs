@@ -144,6 +144,7 @@ pub(super) fn score<R: Recorder>(
     w.rec.score(order, value);
     if R::ON {
         let (end, spans) = (End::Beam(id as u32), w.rec.side_len() - first);
+        let via = via.map(|d| w.rec.drawn(d));
         w.rec.push(Event::Connect { weight, emission, end, first_span: first, spans, phase, via });
     }
     Some(value)

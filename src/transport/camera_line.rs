@@ -264,15 +264,7 @@ fn collision(scene: &Scene, s: &mut State, line: &Line, poles: Option<&Poles>) -
 /// A new chain begins, with what the camera line has crossed so far.
 pub(super) fn chain<R: Recorder>(w: &mut Walker<R>, s: &State) {
     w.rec.push(Event::Chain);
-    for &e in s.lead.iter().flat_map(|l| l.iter()) {
-        w.rec.push(e);
-    }
-}
-
-/// More of the camera line.
-pub(super) fn lengthen(s: &mut State, events: impl Iterator<Item = Event>) {
-    let before = s.lead.iter().flat_map(|l| l.iter().copied());
-    s.lead = Some(before.chain(events).collect());
+    s.lead.each(|e| w.rec.push(*e));
 }
 
 /// The state behind the line with nothing scattered on it.
@@ -288,7 +280,7 @@ fn unscattered(s: &mut State, end: Option<Hit>, beta: Rgb) {
 /// Remember which spans the unscattered part crossed, so that the sweep can score them.
 fn record_passing<R: Recorder>(w: &mut Walker<R>, s: &mut State, pieces: &[Part], pending: bool) {
     if R::ON {
-        lengthen(s, pieces.iter().map(|p| Event::Span { span: p.span, prefix: None }));
+        pieces.iter().for_each(|p| s.lead.push(Event::Span { span: p.span, prefix: None }));
         if !pending {
             chain(w, s);
         }

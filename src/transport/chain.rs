@@ -4,7 +4,7 @@
 //! The gain is a ray's from the light, carried through the planes in dual numbers: solid angle there over the area across it at the vertex ([T] (47) for any number of planes), times what each face lets by.
 
 use super::pane::{self, Found};
-use super::record::{End, Recorder};
+use super::record::Recorder;
 use super::vertex::Vertex;
 use super::walk::{State, Walker};
 use crate::light::Origin;
@@ -54,11 +54,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         way.gain *= 1.0 / chain.asked;
         let Some(&first) = points.last() else { continue };
         let Some(emission) = light.emission_toward(first) else { continue };
-        let end = match from {
-            Origin::Position(_) => End::Point(chain.light),
-            Origin::Infinity(v) => End::Infinity(-v.value()),
-        };
-        pane::score(w, s, vertex, &Found { way: &way, points: &points, emission, end });
+        pane::score(w, s, vertex, &Found { way: &way, points: &points, emission });
     }
 }
 

@@ -32,7 +32,11 @@ enum At {
 
 /// The legs in some events.
 #[derive(Default)]
-pub struct Starts(Vec<Start>);
+pub struct Starts {
+    list: Vec<Start>,
+    /// Of each event, whether its chain adds anything at it or behind it.
+    counts: Vec<bool>,
+}
 
 /// What paths one after the other go backward with.
 #[derive(Default)]
@@ -42,9 +46,28 @@ pub struct Backward {
 }
 
 impl Starts {
-    /// `open`: how the leg that the record's events begin in has begun. Empty where nothing moves.
-    pub fn find(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening) {
-        let list = &mut self.0;
+    /// Legs of all events. `open`: how the leg that the record's events begin in has begun. Empty where nothing moves.
+    pub fn find_all(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening) {
+        self.counts.clear();
+        self.counts.resize(rec.events.len(), true);
+        self.list(scene, moving, rec, open);
+    }
+
+    /// Those that something was collected behind, of events that count. `goes_on`: something was collected behind the last event.
+    pub fn find(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening, goes_on: bool) {
+        let mut counts = goes_on;
+        self.counts.clear();
+        self.counts.resize(rec.events.len(), false);
+        for (e, own) in rec.events.iter().zip(&mut self.counts).rev() {
+            counts |= e.adds();
+            *own = counts;
+            counts &= !matches!(e, Event::Chain);
+        }
+        self.list(scene, moving, rec, open);
+    }
+
+    fn list(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening) {
+        let Starts { list, counts } = self;
         list.clear();
         if !moving.any() {
             return;
@@ -54,8 +77,12 @@ impl Starts {
         }
         let mut ray = moving.film_ray().clone();
         for leg in &rec.legs[open.legs[0] as usize..open.legs[1] as usize] {
-            let came = line(scene, moving, &ray).coming(&line(scene, moving, &ray).opening(leg.before()), leg);
-            ray = line(scene, moving, &came).behind(leg.end());
+            let came = line(scene, moving, &ray).coming(
+                &line(scene, moving, &ray).opening(&leg.before),
+                &leg.before,
+                &leg.end,
+            );
+            ray = line(scene, moving, &came).behind(&leg.end);
         }
         let mut opening = open;
         let place = |known: bool| if known { At::Before } else { At::Nowhere };
@@ -67,20 +94,22 @@ impl Starts {
             Start { begin, place, second, first: First::default(), ray, turned }
         };
         for (k, e) in rec.events.iter().enumerate() {
-            let begun = [opening.first.is_some(), opening.second.is_some()];
-            let leg = opening.follow(e);
-            if matches!(e, Event::Chain) {
-                list.push(fresh(k, moving.film_ray().clone(), None));
+            // Of what comes behind nobody asks.
+            if !counts[k] && !matches!(e, Event::Chain) {
                 continue;
             }
-            let Some(last) = list.last_mut() else { continue };
-            if let Some(leg) = leg {
-                let came = line(scene, moving, &last.ray).coming(&last.first, &leg);
-                let (ray, turned) = line(scene, moving, &came).turned(leg.end());
+            let begun = [opening.first.is_some(), opening.second.is_some()];
+            if let (Event::Specular(end), Some(last)) = (e, list.last()) {
+                let came = line(scene, moving, &last.ray).coming(&last.first, &opening, end);
+                let (ray, turned) = line(scene, moving, &came).turned(end);
                 let straight = matches!(last.place, At::Nowhere);
                 list.push(fresh(k, ray, Some(Box::new((turned, straight)))));
-                continue;
             }
+            opening.follow(e);
+            if matches!(e, Event::Chain) {
+                list.push(fresh(k, moving.film_ray().clone(), None));
+            }
+            let Some(last) = list.last_mut() else { continue };
             if let (false, Some(s)) = (begun[0], &opening.first) {
                 let known = list.iter().find(|l| l.begins_with(rec, s)).map(|l| l.first.alone());
                 let Some(last) = list.last_mut() else { continue };
@@ -97,7 +126,7 @@ impl Starts {
 
     /// The leg that event `k` belongs to, and which of its vertices comes next there.
     pub fn next_at(&self, k: usize) -> Option<(&Start, Nth)> {
-        let start = self.0.iter().rev().find(|s| s.begin <= k)?;
+        let start = self.list.iter().rev().find(|s| s.begin <= k)?;
         let passed = |at: At| match at {
             At::Before => true,
             At::Event(e) => e < k,
@@ -112,7 +141,7 @@ impl Starts {
 
     /// The leg of the vertex whose event is `v`, and which of its vertices comes behind that one.
     pub fn next_past(&self, v: usize) -> Option<(&Start, Nth)> {
-        let start = self.0.iter().rev().find(|s| s.begin <= v)?;
+        let start = self.list.iter().rev().find(|s| s.begin <= v)?;
         Some(match (start.place, start.second) {
             (_, At::Before) => (start, Nth::Later),
             (_, At::Event(e)) if e <= v => (start, Nth::Later),
@@ -122,12 +151,15 @@ impl Starts {
         })
     }
 
-    /// The leg that event `k` belongs to; `k` must not grow from call to call.
+    /// The leg that event `k` belongs to, if the event counts; `k` must not grow from call to call.
     pub fn at(&mut self, k: usize) -> Option<&Start> {
-        while self.0.len() > 1 && self.0.last().is_some_and(|s| k < s.begin) {
-            self.0.pop();
+        if !self.counts[k] {
+            return None;
         }
-        self.0.last()
+        while self.list.len() > 1 && self.list.last().is_some_and(|s| k < s.begin) {
+            self.list.pop();
+        }
+        self.list.last()
     }
 }
 
@@ -173,12 +205,12 @@ impl Start {
             Event::Surface { hit, wi, .. } => cx.reflect(chain, hit, *wi, is_first),
             Event::Emit { weight, emission, end } if !seen => cx.arrive(chain, *end, *weight * emission.color()),
             Event::Glow { weight, radiance, via, first_span, spans, .. } => {
-                let dark = *weight;
+                let (dark, via) = (*weight, &rec.drawn[*via as usize]);
                 cx.glow(chain, via, dark * via.sigma * *radiance, dark, side(*first_span, *spans), seen);
             }
             Event::Connect { weight, emission, end, first_span, spans, via, .. } => {
                 let (dark, spans) = (*weight * emission.color(), side(*first_span, *spans));
-                match via {
+                match via.map(|k| &rec.drawn[k as usize]) {
                     Some(via) => cx.connect_through(chain, via, *end, [dark * via.sigma, dark], spans, seen),
                     None => cx.connect(chain, *end, dark, spans),
                 }

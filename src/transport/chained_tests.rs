@@ -35,7 +35,7 @@ fn with_paths(mut test: impl FnMut(&Scene, &Moving, &PathRecord, &Starts)) {
         let (o, w) = sensor.ray(8.0 * rng.uniform(), 8.0 * rng.uniform());
         let state = State::new(rng, o, w, sensor.medium);
         sweep.sample(state, Rng::keyed(5, 2, 0, k), &mut rec, &mut Forward::new(&params), &mut Tally::default());
-        starts.find(&scene, &facts.moving, &rec, Opening::default());
+        starts.find_all(&scene, &facts.moving, &rec, Opening::default());
         test(&scene, &facts.moving, &rec, &starts);
     }
 }
@@ -50,10 +50,10 @@ fn shared_first_vertices_are_those_of_each_chain() {
     let mut shared = 0;
     with_paths(|scene, moving, rec, starts| {
         let mut before: Vec<Seen> = Vec::new();
-        for start in starts.0.iter().filter(|s| s.place != At::Nowhere) {
+        for start in starts.list.iter().filter(|s| s.place != At::Nowhere) {
             let mut opening = Opening::default();
             let own = rec.events[start.begin..].iter().skip(1).take_while(|e| !matches!(e, Event::Chain));
-            own.for_each(|e| _ = opening.follow(e));
+            own.for_each(|e| opening.follow(e));
             assert_eq!(told(&start.first), told(&start.line(scene, moving).opening(&opening)));
             let seen = opening.first.unwrap();
             shared += u32::from(before.contains(&seen));
@@ -70,6 +70,7 @@ fn bare_first_vertices_lack_nothing_that_is_asked() {
     with_paths(|scene, moving, rec, starts| {
         for (k, e) in rec.events.iter().enumerate() {
             let Event::Connect { via: Some(via), end, .. } = e else { continue };
+            let via = &rec.drawn[*via as usize];
             let (End::Shape { p, .. }, Some((start, Nth::First))) = (end, starts.next_at(k)) else { continue };
             let [own, path] = [later(scene, *end), Later::Path]
                 .map(|later| start.line(scene, moving).medium(via.p, &via.span, later));

@@ -221,6 +221,7 @@ pub(super) fn score<R: Recorder>(
     w.rec.score(order, value);
     if R::ON {
         let spans = w.rec.side_len() - first_span;
+        let via = via.map(|d| w.rec.drawn(d));
         w.rec.push(Event::Connect { weight, emission: a.emission, end, first_span, spans, phase, via });
         if let Some(aim) = aim {
             w.rec.push(Event::Aim { aim, value });

@@ -122,42 +122,32 @@ pub struct Opening {
 /// A leg that has come to its end.
 #[derive(Clone, Copy, Debug)]
 pub struct Leg {
-    before: Opening,
-    end: Specular,
-}
-
-impl Leg {
-    pub fn end(&self) -> &Specular {
-        &self.end
-    }
-
     /// How it began.
-    pub fn before(&self) -> &Opening {
-        &self.before
-    }
+    pub before: Opening,
+    pub end: Specular,
 }
 
 impl Opening {
-    /// After one more event; the leg that ends with it.
-    pub fn follow(&mut self, e: &Event) -> Option<Leg> {
+    /// The leg that ends with this event.
+    pub fn ended_by(&self, e: &Event) -> Option<Leg> {
+        match *e {
+            Event::Specular(end) => Some(Leg { before: *self, end }),
+            _ => None,
+        }
+    }
+
+    /// After one more event.
+    pub fn follow(&mut self, e: &Event) {
         let met = match *e {
-            Event::Chain => {
-                *self = Opening { legs: [self.legs[1]; 2], ..Opening::default() };
-                return None;
-            }
-            Event::Specular(end) => {
-                let leg = Leg { before: *self, end };
+            Event::Chain => return *self = Opening { legs: [self.legs[1]; 2], ..Opening::default() },
+            Event::Specular(_) => {
                 let share = self.share;
-                *self = Opening { legs: [self.legs[0], self.legs[1] + 1], share, ..Opening::default() };
-                return Some(leg);
+                return *self = Opening { legs: [self.legs[0], self.legs[1] + 1], share, ..Opening::default() };
             }
-            Event::Share(f) => {
-                self.share = Some(f);
-                return None;
-            }
+            Event::Share(f) => return self.share = Some(f),
             Event::Scatter { p, .. } => Met::Medium(p),
             Event::Surface { hit, .. } => Met::Surface(hit),
-            _ => return None,
+            _ => return,
         };
         if self.first.is_none() {
             self.first = Seen::of(e);
@@ -166,7 +156,6 @@ impl Opening {
         } else {
             self.last = Some(met);
         }
-        None
     }
 }
 
@@ -187,9 +176,9 @@ pub struct First {
     pub turn: Velocity,
     /// Where it is, and on what surface.
     at: Option<(DVec3, Option<Hit>)>,
-    excess: Option<Excess>,
+    excess: Option<Box<Excess>>,
     /// Of the second vertex, for those after it.
-    after: Option<Excess>,
+    after: Option<Box<Excess>>,
 }
 
 /// What later vertices take over from one of the first two.
@@ -300,16 +289,16 @@ impl FilmLine<'_> {
         o.second.iter().fold(first, |first, z| self.then(first, z))
     }
 
-    /// The ray as it comes to the end of a leg: as it is where the leg has no vertex, otherwise from its last one.
-    pub fn coming(&self, first: &First, leg: &Leg) -> MovingRay {
-        let (at, nth) = match (leg.before.last, leg.before.second, leg.before.first) {
+    /// The ray as it comes to the end of a leg that has begun so: as it is where the leg has no vertex, otherwise from its last one.
+    pub fn coming(&self, first: &First, before: &Opening, end: &Specular) -> MovingRay {
+        let (at, nth) = match (before.last, before.second, before.first) {
             (Some(z), ..) => (z, Nth::Later),
             (None, Some(z), _) => (z, Nth::Second),
             (None, None, Some(Seen::Surface { hit, .. })) => (Met::Surface(hit), Nth::First),
             (None, None, Some(Seen::Medium { p, .. })) => (Met::Medium(p), Nth::First),
             (None, None, None) => return self.ray.clone(),
         };
-        MovingRay::leaving(at.p(), leg.end.w, self.moving.vertex(self.scene, first, nth, &at))
+        MovingRay::leaving(at.p(), end.w, self.moving.vertex(self.scene, first, nth, &at))
     }
 
     pub fn first(&self, seen: &Seen) -> First {
@@ -396,13 +385,13 @@ impl FilmLine<'_> {
     }
 
     /// `along`: e keeps to the face as it is.
-    fn excess(&self, x: DVec3, e: Velocity, face: Option<(u32, u32, DVec3)>, along: bool) -> Option<Excess> {
+    fn excess(&self, x: DVec3, e: Velocity, face: Option<(u32, u32, DVec3)>, along: bool) -> Option<Box<Excess>> {
         if e.is_zero() {
             return None;
         }
         let Some((shape, face, n)) = face else {
             let rho = CLEAR * self.field().clearance(self.scene, x, None);
-            return Some(Excess { x, e, guide: None, rho });
+            return Some(Box::new(Excess { x, e, guide: None, rho }));
         };
         let own = &self.scene.shapes[shape as usize].shape;
         // Nor over where the face ends: no room counts what would leave it there.
@@ -424,7 +413,7 @@ impl FilmLine<'_> {
             let own = self.scene.nearest_point(Kind::Opaque, x, radius / CLEAR, &|s, f| (s, f) == (shape, face));
             own.map_or(radius, |near| CLEAR * near.distance)
         };
-        Some(Excess { x, e, guide: Some((guide, radius)), rho })
+        Some(Box::new(Excess { x, e, guide: Some((guide, radius)), rho }))
     }
 }
 

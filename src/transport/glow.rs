@@ -202,6 +202,7 @@ fn emit<R: Recorder>(
         });
         let spans = w.rec.side_len() - first_span;
         let via = Drawn { medium: span.medium, p, sigma: sigma_a, span, lead: spans };
+        let via = w.rec.drawn(via);
         w.rec.push(Event::Glow { weight, radiance, via, first_span, spans, phase });
     }
     Some(value)

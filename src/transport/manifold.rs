@@ -7,7 +7,7 @@
 
 use super::beam;
 use super::pane::{self, Found};
-use super::record::{End, Recorder};
+use super::record::Recorder;
 use super::shot::{self, Eye, Place, Target};
 use super::vertex::Vertex;
 use super::walk::{State, Walker};
@@ -31,9 +31,9 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         let Some(origin) = light.origin() else { continue };
         // However many numbers the search takes, the path takes one.
         let mut rng = Rng::keyed(s.rng.next_u64(), Purpose::Manifold as u64, id as u64, 0);
-        let (eye, end) = match origin {
-            Origin::Position(q) => (Eye::Point(q.value()), End::Point(id as u32)),
-            Origin::Infinity(v) => (Eye::Parallel(v.value()), End::Infinity(-v.value())),
+        let eye = match origin {
+            Origin::Position(q) => Eye::Point(q.value()),
+            Origin::Infinity(v) => Eye::Parallel(v.value()),
         };
         let (place, x) = (Place::within(None), s.o);
         let Some(start) = scene.seed(light, &eye, &mut rng) else { continue };
@@ -87,6 +87,6 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             continue;
         };
         way.gain *= trials;
-        pane::score(w, s, vertex, &Found { way: &way, points: &points, emission, end });
+        pane::score(w, s, vertex, &Found { way: &way, points: &points, emission });
     }
 }

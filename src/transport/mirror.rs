@@ -68,7 +68,7 @@ pub fn split<R: Recorder>(w: &mut Walker<R>, s: &mut State, own: Option<Event>, 
     let mut other = s.clone();
     leave(&mut other);
     other.stage = Stage::Fly;
-    other.lead = Some(lead.into_iter().chain(own).collect());
+    other.lead = lead.into_iter().chain(own).collect();
     other.mirrored = Some(Box::new(Resume::of(s)));
     s.pending = Some(Box::new(other));
 }

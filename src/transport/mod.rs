@@ -14,7 +14,9 @@ pub mod chained;
 pub mod connect;
 pub mod field;
 pub mod first;
+pub mod flat_way;
 pub mod glow;
+pub mod lead;
 pub mod light_centred;
 pub mod line;
 mod lottery;
@@ -22,7 +24,6 @@ pub mod manifold;
 pub mod mirror;
 pub mod motion;
 pub mod pane;
-pub mod pane_motion;
 pub mod piece;
 pub mod poles;
 pub mod ray;
@@ -36,6 +37,7 @@ pub mod twin;
 pub mod velocity;
 pub mod vertex;
 pub mod walk;
+pub mod way_motion;
 
 pub use record::{NoRecord, PathRecord};
 pub use sweep::{Sweep, SweepFacts};
@@ -50,5 +52,14 @@ pub fn sample(scene: &Scene, set: &Settings, mut state: State, tally: &mut Tally
     let mut w = walk::Walker::new(scene, set, &mut rec);
     w.trace(&mut state);
     *tally = tally.plus(&w.tally);
+    w.value
+}
+
+/// The value of one that has come to a state, with what it is worth so far.
+fn go_on(scene: &Scene, set: &Settings, (state, value): (State, Rgb)) -> Rgb {
+    let mut rec = NoRecord;
+    let mut w = walk::Walker::new(scene, set, &mut rec);
+    w.value = value;
+    w.run(state.plain());
     w.value
 }

@@ -17,18 +17,18 @@ use super::attach::InnerBorders;
 use super::beam_motion::Connection;
 use super::field::{Field, classes};
 use super::first::{FilmLine, First, Later, Met, Nth};
-use super::pane_motion::PaneConnection;
 use super::piece::{Piece, Stop};
 use super::ray::{MovingRay, Specular, Turned};
 use super::record::{Drawn, End, MediumSpan};
 use super::velocity::{Rate, Source, Velocity, transposed};
+use super::way_motion::WayConnection;
 use crate::error::Result;
 use crate::light::{LightKind, spot_falloff};
 use crate::math::{DVec3, Rgb, gradient};
 use crate::medium::Medium;
 use crate::params::{Covector, ParamSet, Sink, Slot};
 use crate::phase::one_minus_cos;
-use crate::scene::beams::Way;
+use crate::scene::beams::{Step, Way};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
 use crate::surface::Surface;
@@ -218,8 +218,8 @@ enum Tip {
     Infinity(DVec3),
     /// A way of a beam.
     Beam(u32),
-    /// A light by way of a pane.
-    Pane { light: u32, pane: u32 },
+    /// A light by way of smooth faces, see [`End::Way`].
+    Way { light: u32, steps: [u32; 2], at: DVec3 },
 }
 
 /// A segment that leaves the vertex at hand, and all that was collected along it.
@@ -249,6 +249,8 @@ pub struct Chained<'a, S: Sink> {
     pub scene: &'a Scene,
     pub sensor: &'a Sensor,
     pub moving: &'a Moving,
+    /// The record's, of connections by smooth faces.
+    pub steps: &'a [Step],
     /// Which the leg at hand begins with.
     pub ray: &'a MovingRay,
     pub first: &'a First,
@@ -307,7 +309,7 @@ impl<S: Sink> Chained<'_, S> {
             }
             End::Point(light) => Tip::Point(light),
             End::Beam(way) => Tip::Beam(way),
-            End::Pane { light, pane } => Tip::Pane { light, pane },
+            End::Way { light, first, len, at } => Tip::Way { light, steps: [first, len], at },
             End::Infinity(w) => Tip::Infinity(w),
         }
     }
@@ -532,9 +534,16 @@ impl<'a> Vertex<'a> {
         connection.partials(cx, &mut self.at);
     }
 
-    /// A connection to a light by way of a pane.
-    fn leave_by_pane<S: Sink>(&mut self, cx: &mut Chained<S>, light: u32, pane: u32, value: Rgb, pieces: &[Piece]) {
-        let Some(connection) = PaneConnection::new(cx.scene, light, pane, self.p(), value) else { return };
+    /// A connection to a light by way of smooth faces.
+    fn leave_by_faces<S: Sink>(
+        &mut self,
+        cx: &mut Chained<S>,
+        light: u32,
+        way: (&[Step], DVec3),
+        value: Rgb,
+        pieces: &[Piece],
+    ) {
+        let Some(connection) = WayConnection::new(cx, light, way, self.p(), value) else { return };
         let turning = self.scattered(cx.scene, connection.toward(), value);
         connection.partials(cx, &turning, pieces, &mut self.at);
     }
@@ -544,7 +553,10 @@ impl<'a> Vertex<'a> {
         let (x, value, scene) = (self.p(), leg.value, cx.scene);
         match leg.tip {
             Tip::Beam(way) => return self.leave_by(cx, &scene.beams.ways[way as usize], value, pieces),
-            Tip::Pane { light, pane } => return self.leave_by_pane(cx, light, pane, value, pieces),
+            Tip::Way { light, steps: [first, len], at } => {
+                let steps = &cx.steps[first as usize..][..len as usize];
+                return self.leave_by_faces(cx, light, (steps, at), value, pieces);
+            }
             _ => {}
         }
         let (p, w, d) = match &leg.tip {
@@ -554,7 +566,7 @@ impl<'a> Vertex<'a> {
                 (p, (p - x).normalize(), (p - x).length())
             }
             Tip::Infinity(w) => (x, *w, f64::INFINITY),
-            Tip::Beam(_) | Tip::Pane { .. } => return,
+            Tip::Beam(_) | Tip::Way { .. } => return,
         };
         // On ż - ẋ, and apart from each other.
         let mut between = Covector::default();
@@ -576,7 +588,7 @@ impl<'a> Vertex<'a> {
                     }
                 }
             }
-            Tip::Infinity(_) | Tip::Beam(_) | Tip::Pane { .. } => {}
+            Tip::Infinity(_) | Tip::Beam(_) | Tip::Way { .. } => {}
         }
         // Held to its direction, a point scores less by that share.
         let attached = match (&leg.tip, first) {
@@ -653,7 +665,7 @@ impl<'a> Vertex<'a> {
             Tip::Point(light) if cx.moving.follows(*light) => {
                 Velocity::of(Source::Light(*light), p).apply(scene, cx.sensor, &far, cx.sink);
             }
-            Tip::Point(_) | Tip::Infinity(_) | Tip::Beam(_) | Tip::Pane { .. } => {}
+            Tip::Point(_) | Tip::Infinity(_) | Tip::Beam(_) | Tip::Way { .. } => {}
         }
     }
 

@@ -8,7 +8,7 @@ use super::first::FilmLine;
 use super::piece::{Stop, outer};
 use super::velocity::{Source, Velocity};
 use crate::math::fresnel::{Interface, conductor};
-use crate::math::{DMat3, DVec3, Dual, Real, Rgb, V3};
+use crate::math::{DMat3, DVec3, Dual, Real, Rgb};
 use crate::params::{Covector, Sink, Slot};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
@@ -74,12 +74,6 @@ pub struct Turned {
     share_index: SmallVec<[(Slot, Rgb); 2]>,
 }
 
-/// The partials of a vector by three variables.
-fn jacobian<const N: usize>(v: V3<Dual<N>>, first: usize) -> DMat3 {
-    let column = |k: usize| DVec3::new(v.x.d[first + k], v.y.d[first + k], v.z.d[first + k]);
-    DMat3::from_cols(column(0), column(1), column(2))
-}
-
 impl MovingRay {
     /// One that leaves a moving point in a direction that does not turn.
     pub fn leaving(o: DVec3, w: DVec3, start: Velocity) -> MovingRay {
@@ -123,41 +117,48 @@ impl Specular {
         match surface {
             Surface::Dielectric { interior, exterior, slot } => self.dielectric([*interior, *exterior], *slot, share),
             Surface::Conductor { eta, k, slot, .. } => self.conductor(*eta, *k, *slot),
-            _ => Slopes::of(V3::<Dual<6>>::constant(self.out)),
+            _ => Slopes::of([DMat3::ZERO; 2]),
         }
     }
 
-    /// Variables: direction, normal, index behind the front side, index before it.
+    /// The direction is `η d + a n`, n on the side that it comes from ([`Interface::bend`]); η, a and the share are functions of the cosine and of both indices, in dual numbers over these.
     fn dielectric(&self, index: [f64; 2], slot: Slot, share: Share) -> Slopes {
-        let (d, n) = (V3::<Dual<8>>::variable(self.w, 0), V3::<Dual<8>>::variable(self.n, 3));
         let front = self.n.dot(self.w) < 0.0;
-        let side = if front { n } else { -n };
-        let (interior, exterior) = (Dual::variable(index[0], 6), Dual::variable(index[1], 7));
+        let (d, sign) = (self.w, if front { 1.0 } else { -1.0 });
+        let side = self.n * sign;
+        let c = Dual::<3>::variable(-side.dot(d), 0);
+        let (interior, exterior) = (Dual::variable(index[0], 1), Dual::variable(index[1], 2));
         let (n1, n2) = if front { (exterior, interior) } else { (interior, exterior) };
-        let c = -side.dot(d);
         let interface = Interface::new(c, n1, n2);
-        let f = interface.reflectance();
-        let refracted = interface.refract(d, side).zip(interface.cos_refracted()).filter(|_| self.through);
-        let (out, share) = match (refracted, share) {
-            (Some((out, _)), Share::Radiance) => (out, (Dual::constant(1.0) - f) * interface.eta.sqr()),
-            (Some((out, q)), Share::Irradiance) => (out, (Dual::constant(1.0) - f) * c / q),
-            (None, _) => (mirrored(d, n), f),
+        let (eta, f) = (interface.eta, interface.reflectance());
+        let refracted = interface.bend().zip(interface.cos_refracted()).filter(|_| self.through);
+        let (mut s, share, by) = match refracted {
+            Some((a, q)) => {
+                let straight = |x: f64| DMat3::from_diagonal(DVec3::splat(x));
+                let by_d = straight(eta.v) - outer(side, side) * a.d[0];
+                let by_n = (straight(a.v) - outer(side, d) * a.d[0]) * sign;
+                let through = Dual::constant(1.0) - f;
+                let share = match share {
+                    Share::Radiance => through * eta.sqr(),
+                    Share::Irradiance => through * c / q,
+                };
+                (Slopes::of([by_d, by_n]), share, [1, 2].map(|k| d * eta.d[k] + side * a.d[k]))
+            }
+            None => (Slopes::mirrored(d, self.n), f, [DVec3::ZERO; 2]),
         };
-        let mut s = Slopes::of(out);
         let log = |k: usize| if share.v > 0.0 { share.d[k] / share.v } else { 0.0 };
-        s.share_d.add(DVec3::new(log(0), log(1), log(2)), Rgb::ONE);
-        s.share_n.add(DVec3::new(log(3), log(4), log(5)), Rgb::ONE);
-        for k in 0..2 {
-            let by = DVec3::new(out.x.d[6 + k], out.y.d[6 + k], out.z.d[6 + k]);
+        s.share_d.add(side * -log(0), Rgb::ONE);
+        s.share_n.add(d * (-log(0) * sign), Rgb::ONE);
+        for (k, by) in by.into_iter().enumerate() {
             s.by_index.push((slot + k as Slot, by));
-            s.share_index.push((slot + k as Slot, Rgb::splat(log(6 + k))));
+            s.share_index.push((slot + k as Slot, Rgb::splat(log(1 + k))));
         }
         s
     }
 
-    /// Variables of the direction: direction, normal; of the share: cosine, eta, k.
+    /// Variables of the share: cosine, eta, k.
     fn conductor(&self, eta: Rgb, k: Rgb, slot: Slot) -> Slopes {
-        let mut s = Slopes::of(mirrored(V3::<Dual<6>>::variable(self.w, 0), V3::variable(self.n, 3)));
+        let mut s = Slopes::mirrored(self.w, self.n);
         let cos = self.n.dot(self.w);
         for c in 0..3 {
             let f = conductor(Dual::<3>::variable(cos.abs(), 0), Dual::variable(eta[c], 1), Dual::variable(k[c], 2));
@@ -172,22 +173,22 @@ impl Specular {
     }
 }
 
-/// [T] (39), for either side of n.
-fn mirrored<R: Real>(d: V3<R>, n: V3<R>) -> V3<R> {
-    d - n * (n.dot(d) * 2.0)
-}
-
 impl Slopes {
-    /// Variables 0 to 2: direction, 3 to 5: normal.
-    fn of<const N: usize>(out: V3<Dual<N>>) -> Slopes {
+    fn of([by_d, by_n]: [DMat3; 2]) -> Slopes {
         Slopes {
-            by_d: jacobian(out, 0),
-            by_n: jacobian(out, 3),
+            by_d,
+            by_n,
             by_index: SmallVec::new(),
             share_d: Covector::default(),
             share_n: Covector::default(),
             share_index: SmallVec::new(),
         }
+    }
+
+    /// Of `d - 2 <n,d> n`, [T] (39), for either side of n.
+    fn mirrored(d: DVec3, n: DVec3) -> Slopes {
+        let along = DMat3::from_diagonal(DVec3::splat(n.dot(d)));
+        Slopes::of([DMat3::IDENTITY - outer(n, n) * 2.0, (along + outer(n, d)) * -2.0])
     }
 }
 
@@ -200,15 +201,16 @@ impl FilmLine<'_> {
     /// The same, and how the light's share changes.
     pub fn turned(&self, b: &Specular) -> (MovingRay, Turned) {
         let slopes = b.slopes(self.scene.surface_of(b.hit.shape), Share::Radiance);
-        let (by_d, by_n, by_index) = (slopes.by_d, slopes.by_n, slopes.by_index.clone());
-        let (start, turned) = self.at_interface(b, slopes);
-        let mut out = turned.coming.clone().mapped(by_d).plus(1.0, &turned.normal.clone().mapped(by_n));
-        for (slot, by) in by_index {
-            if self.moving.is_index(slot) {
-                out = out.plus(1.0, &Velocity::value(slot, by));
-            }
+        // Directions stay of unit length.
+        let across = DMat3::IDENTITY - outer(b.out, b.out);
+        let (by_d, by_n) = (across * slopes.by_d, across * slopes.by_n);
+        let mut out = Velocity::default();
+        for &(slot, by) in slopes.by_index.iter().filter(|x| self.moving.is_index(x.0)) {
+            out.add_value(slot, across * by);
         }
-        let out = out.mapped(DMat3::IDENTITY - outer(b.out, b.out));
+        let (start, turned) = self.at_interface(b, slopes);
+        out.add(&by_d, &turned.coming);
+        out.add(&by_n, &turned.normal);
         (MovingRay::new(b.hit.p, b.out, start, out), turned)
     }
 
@@ -226,14 +228,16 @@ impl FilmLine<'_> {
     /// How the normal turns, whose point moves with `start`.
     fn normal(&self, b: &Specular, start: &Velocity) -> Velocity {
         let (p, n, shape) = (b.hit.p, b.n, b.hit.shape);
-        let mut over = start.clone();
+        // Over its matter.
+        let slides = self.scene.shapes[shape as usize].shape.curvature(p, n);
         let mut normal = Velocity::default();
         if self.moving.moves(shape) {
             let matter = Source::at(&b.hit);
-            over = over.plus(-1.0, &Velocity::of(matter, p));
             normal = Velocity::of_normal(matter, p, n);
+            normal.add(&-slides, &Velocity::of(matter, p));
         }
-        normal.plus(1.0, &over.mapped(self.scene.shapes[shape as usize].shape.curvature(p, n)))
+        normal.add(&slides, start);
+        normal
     }
 
     /// What an interface adds for parallel light that the ray is a line of, where `value` was collected behind it.

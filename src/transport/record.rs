@@ -6,16 +6,17 @@
 use super::aim::Aim;
 use super::chained::Backward;
 use super::first::{Leg, Opening};
-use super::pane_motion::PaneAim;
 use super::ray::Specular;
 use super::sweep::{Candidates, SweepFacts};
 use super::twin::Ways;
 use super::vertex::Vertex;
 use super::walk::{Flight, Stage, State, Walker};
+use super::way_motion::WayAim;
 use crate::light::{Arrival, Emission};
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::params::Slot;
+use crate::scene::beams::Step;
 use crate::scene::{Hit, March, On, Scene};
 use crate::surface::Normals;
 use std::sync::Arc;
@@ -93,8 +94,8 @@ pub enum End {
     Beam(u32),
     /// A light with a position and no extent; its own motion is [`Event::Aim`]'s.
     Point(u32),
-    /// A light without extent, by one flat smooth face of the scene's panes; its own motion is [`Event::PaneAim`]'s.
-    Pane { light: u32, pane: u32 },
+    /// A light without extent, by smooth faces: the record's steps from `first` on, the first one met `at` this point. The light's own motion is [`Event::WayAim`]'s.
+    Way { light: u32, first: u32, len: u32, at: DVec3 },
     /// Nothing: this direction, unit, toward the light.
     Infinity(DVec3),
 }
@@ -145,10 +146,10 @@ pub enum Event {
     Specular(Specular),
     /// Light met by the walk: `weight x emission` was added.
     Emit { weight: Rgb, emission: Emission, end: End },
-    /// Emission of the medium at a point of a span: `weight x via.sigma x radiance` was added, `radiance` is L_e; own spans, own phase where a vertex was connected to it.
-    Glow { weight: Rgb, radiance: Rgb, via: Drawn, first_span: u32, spans: u32, phase: Option<(u32, f64)> },
+    /// Emission of the medium at a point of a span, one of the record's drawn ones: `weight x sigma x radiance` was added, `radiance` is L_e; own spans, own phase where a vertex was connected to it.
+    Glow { weight: Rgb, radiance: Rgb, via: u32, first_span: u32, spans: u32, phase: Option<(u32, f64)> },
     /// A connection to a light: `weight x emission` was added; own spans, own phase, and for a point that the
-    /// walk did not visit, its own sigma_s as a further factor.
+    /// walk did not visit, one of the record's drawn ones, its own sigma_s as a further factor.
     Connect {
         weight: Rgb,
         emission: Emission,
@@ -156,12 +157,12 @@ pub enum Event {
         first_span: u32,
         spans: u32,
         phase: [Option<(u32, f64)>; 2],
-        via: Option<Drawn>,
+        via: Option<u32>,
     },
     /// A connection of this value to a light that moves: its motion only.
     Aim { aim: Aim, value: Rgb },
-    /// The same by way of a flat smooth face.
-    PaneAim { aim: PaneAim, value: Rgb },
+    /// The same by way of flat smooth faces.
+    WayAim { aim: WayAim, value: Rgb },
     /// A partial of its own: `value <v, d x / d slot>` for the vector x in three slots.
     Drift { slot: Slot, v: DVec3, value: Rgb },
     /// What everything behind it in its chain counts, besides the weights that the walk gives it ([`super::poles`]).
@@ -183,7 +184,7 @@ impl Event {
             | Event::Candidate { weight, .. } => *weight *= f,
             Event::Facets { value: Some(value), .. }
             | Event::Aim { value, .. }
-            | Event::PaneAim { value, .. }
+            | Event::WayAim { value, .. }
             | Event::Drift { value, .. } => *value *= f,
             Event::Chain
             | Event::Span { prefix: None, .. }
@@ -196,9 +197,15 @@ impl Event {
         self
     }
 
+    /// Whether light is collected there.
+    #[inline]
+    pub fn adds(&self) -> bool {
+        matches!(self, Event::Emit { .. } | Event::Glow { .. } | Event::Connect { .. })
+    }
+
     #[inline]
     pub fn moves_a_light(&self) -> bool {
-        matches!(self, Event::Aim { .. } | Event::PaneAim { .. } | Event::Drift { .. })
+        matches!(self, Event::Aim { .. } | Event::WayAim { .. } | Event::Drift { .. })
     }
 }
 
@@ -215,10 +222,20 @@ pub trait Recorder {
     }
     /// Forget the side spans from this one on.
     fn side_truncate(&mut self, _len: u32) {}
+    /// Keep the steps of a connection's way, and return the number of the first.
+    fn steps(&mut self, _steps: &[Step]) -> u32 {
+        0
+    }
+    /// Keep a drawn point, and return its number.
+    fn drawn(&mut self, _d: Drawn) -> u32 {
+        0
+    }
     /// Called before every stage; true stops the walk there (regeneration of one chunk).
     fn checkpoint(&mut self, _scene: &Scene, _state: &State) -> bool {
         false
     }
+    /// Called before every stage that the picture's own path may leave this one at, which looks beside critical angles.
+    fn parts(&mut self, _state: &State, _value: Rgb) {}
     /// A medium span of the camera line without end and without extinction: no candidate can be drawn.
     fn unbounded(&mut self, _medium: u32) {}
     /// The bit in [`State::left`] of a light that moves: its connections are then recorded as [`Event::Aim`] too.
@@ -278,6 +295,9 @@ impl Recorder for NoRecord {
 pub struct PathRecord {
     pub events: Vec<Event>,
     pub side: Vec<MediumSpan>,
+    pub drawn: Vec<Drawn>,
+    /// Of connections by smooth faces.
+    pub steps: Vec<Step>,
     /// With the beginning of the chain that goes on there.
     pub chunk_starts: Vec<(State, Opening)>,
     /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
@@ -296,9 +316,15 @@ pub struct PathRecord {
     pub borders: bool,
     /// What walks have added after at least one scattering.
     pub scattered: Rgb,
-    /// Legs of all chains so far ([`Opening`]).
+    /// Whether the picture's own path is to be kept where it parts, and that, with its value so far.
+    pub parts: bool,
+    pub parted: Option<Box<(State, Rgb)>>,
+    /// Legs of all chains of complete chunks ([`Opening`]).
     pub legs: Vec<Leg>,
+    /// What these have come to.
     opening: Opening,
+    /// Of [`Event::Share`], where the walk is.
+    share: Option<f64>,
     /// Kept from path to path.
     pub(super) back: Option<Box<Backward>>,
     unused: Rng,
@@ -309,6 +335,8 @@ impl PathRecord {
         PathRecord {
             events: Vec::with_capacity(CHUNK),
             side: Vec::new(),
+            drawn: Vec::new(),
+            steps: Vec::new(),
             chunk_starts: Vec::new(),
             candidates: None,
             chunk: CHUNK,
@@ -318,8 +346,11 @@ impl PathRecord {
             still: false,
             borders: false,
             scattered: Rgb::ZERO,
+            parts: false,
+            parted: None,
             legs: Vec::new(),
             opening: Opening::default(),
+            share: None,
             back: None,
             unused: Rng::keyed(0, 0, 0, 0),
         }
@@ -329,8 +360,10 @@ impl PathRecord {
     pub fn begin(&mut self, candidates: Option<Candidates>, opening: Opening) {
         self.events.clear();
         self.side.clear();
+        self.drawn.clear();
+        self.steps.clear();
         self.legs.truncate(opening.legs[1] as usize);
-        self.opening = opening;
+        (self.opening, self.share) = (opening, opening.share);
         self.candidates = candidates;
     }
 }
@@ -354,10 +387,12 @@ impl Recorder for PathRecord {
         if self.lights_only && !e.moves_a_light() {
             return;
         }
-        if let Some(leg) = self.opening.follow(&e) {
-            self.legs.push(leg);
+        match e {
+            Event::Chain => self.share = None,
+            Event::Share(f) => self.share = Some(f),
+            _ => {}
         }
-        self.events.push(match self.opening.share {
+        self.events.push(match self.share {
             Some(f) => e.times(f),
             None => e,
         });
@@ -375,6 +410,18 @@ impl Recorder for PathRecord {
 
     fn side_truncate(&mut self, len: u32) {
         self.side.truncate(len as usize);
+    }
+
+    fn steps(&mut self, steps: &[Step]) -> u32 {
+        self.steps.extend_from_slice(steps);
+        (self.steps.len() - steps.len()) as u32
+    }
+
+    fn drawn(&mut self, d: Drawn) -> u32 {
+        if !self.lights_only {
+            self.drawn.push(d);
+        }
+        self.drawn.len().saturating_sub(1) as u32
     }
 
     fn follows(&self, light: u32) -> Option<u64> {
@@ -412,10 +459,22 @@ impl Recorder for PathRecord {
         let Some(candidates) = &mut self.candidates else { return true };
         // The chunk is complete: draw from its candidates, keep only the state that the next one starts from.
         candidates.scan(scene, &self.events);
+        for e in &self.events {
+            self.legs.extend(self.opening.ended_by(e));
+            self.opening.follow(e);
+        }
         self.events.clear();
         self.side.clear();
+        self.drawn.clear();
+        self.steps.clear();
         self.chunk_starts.push((state.clone(), self.opening));
         false
+    }
+
+    fn parts(&mut self, state: &State, value: Rgb) {
+        if self.parts && self.parted.is_none() {
+            self.parted = Some(Box::new((state.clone(), value)));
+        }
     }
 
     fn unbounded(&mut self, medium: u32) {

@@ -5,7 +5,6 @@
 //! `1 - F ~ q` has the score `q⁻²`, which has no second moment under that probability ([`crate::scene::critical`]). No connection crosses an interface: what lies behind is found by directions, whose
 //! weight against connections is then whole.
 
-use super::camera_line;
 use super::ray::Specular;
 use super::record::{Event, Recorder};
 use super::walk::{Flight, Stage, State, Walker};
@@ -57,7 +56,7 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         if R::ON {
             let event = Event::Specular(Specular { hit: *hit, n, w: s.w, out: r.w, through: r.through });
             if s.direct {
-                camera_line::lengthen(s, std::iter::once(event));
+                s.lead.push(event);
             }
             if !waits {
                 w.rec.push(event);

@@ -21,7 +21,7 @@ use super::motion::{Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::twin::Ways;
 use super::walk::{Flight, Stage, State, Tally, Walker};
-use super::{aim, pane_motion};
+use super::{aim, way_motion};
 use crate::error::Result;
 use crate::light::Emission;
 use crate::math::rng::{Purpose, Rng};
@@ -317,10 +317,8 @@ impl Sweep<'_> {
         sink: &mut impl Sink,
         tally: &mut Tally,
     ) -> Rgb {
-        let plain = (self.facts.moving.any() && !self.scene.critical.is_empty()).then(|| {
-            state.drawn = Some(0);
-            super::sample(self.scene, self.set, State { drawn: None, ..state.clone() }, &mut Tally::default())
-        });
+        let beside = self.facts.moving.any() && !self.scene.critical.is_empty();
+        state.drawn = beside.then_some(0);
         rec.chunk_starts.clear();
         (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
         (rec.still, rec.borders) = (!self.facts.moving.any(), self.facts.borders.any());
@@ -330,10 +328,19 @@ impl Sweep<'_> {
         rec.scattered = Rgb::ZERO;
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
         let first = state.clone();
+        // The line itself is another one around poles, and weighs points that are drawn on it against directions.
+        let parts = state.poles.is_none() && !self.scene.draws_on_spans();
+        (rec.parts, rec.parted) = (beside && parts, None);
         let mut w = Walker::new(self.scene, self.set, rec);
         w.trace(&mut state);
-        let value = plain.unwrap_or(w.value);
+        let mut value = w.value;
         *tally = tally.plus(&w.tally);
+        rec.parts = false;
+        if beside && !parts {
+            value = super::sample(self.scene, self.set, first.clone().plain(), &mut Tally::default());
+        } else if let Some(parted) = rec.parted.take() {
+            value = super::go_on(self.scene, self.set, *parted);
+        }
         let mut lottery = Lottery::new(spans, rec.scattered);
         let Some(mut candidates) = rec.candidates.take() else { return value };
         candidates.scan(self.scene, &rec.events);
@@ -370,12 +377,13 @@ impl Sweep<'_> {
         sink: &mut impl Sink,
     ) -> Rgb {
         let Backward { starts, chain } = back;
-        starts.find(self.scene, &self.facts.moving, rec, open);
+        starts.find(self.scene, &self.facts.moving, rec, open, !after.is_zero());
         for (k, e) in rec.events.iter().enumerate().rev() {
             if let Some(start) = starts.at(k) {
                 let moving = &self.facts.moving;
                 let Start { first, ray, .. } = start;
-                let mut cx = Chained { scene: self.scene, sensor: self.sensor, moving, ray, first, after: false, sink };
+                let (scene, sensor, steps) = (self.scene, self.sensor, &rec.steps);
+                let mut cx = Chained { scene, sensor, moving, steps, ray, first, after: false, sink };
                 start.event(&mut cx, chain, rec, k, after);
             }
             after = self.event(rec, e, after, lottery, sink);
@@ -394,7 +402,10 @@ impl Sweep<'_> {
             Event::Ends { span, start, end, depth } => self.glow_at_ends(span, [*start, *end], *depth, sink),
             Event::Drift { slot, v, value } => aim::vector(self.params, *slot, |k| *value * v[k], sink),
             Event::Aim { aim, value } => aim::partials(self.scene, self.params, aim, *value, sink),
-            Event::PaneAim { aim, value } => pane_motion::partials(self.scene, self.params, aim, *value, sink),
+            Event::WayAim { aim, value } => {
+                let steps = &rec.steps[aim.steps[0] as usize..][..aim.steps[1] as usize];
+                way_motion::partials(self.scene, self.params, (aim, steps), *value, sink);
+            }
             Event::Span { span, prefix } => {
                 if prefix.is_some_and(|p| p.depth > 0) {
                     lottery.scatter();
@@ -433,7 +444,7 @@ impl Sweep<'_> {
             }
             Event::Glow { weight, radiance, via, first_span, spans, phase } => {
                 lottery.scatter();
-                let l = *weight * *radiance;
+                let (l, via) = (*weight * *radiance, &rec.drawn[*via as usize]);
                 let value = l * via.sigma;
                 for span in &rec.side[*first_span as usize..(*first_span + *spans) as usize] {
                     self.transmittance(span, value, lottery, sink);
@@ -453,6 +464,7 @@ impl Sweep<'_> {
             }
             Event::Connect { weight, emission, first_span, spans, phase, via, .. } => {
                 lottery.scatter();
+                let via = via.map(|k| &rec.drawn[k as usize]);
                 let sigma_s = via.map_or(Rgb::ONE, |d| d.sigma);
                 self.emission(*weight * sigma_s, emission, sink);
                 let value = *weight * sigma_s * emission.color();

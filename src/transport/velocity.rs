@@ -5,6 +5,7 @@ use crate::math::{DMat3, DVec3, Rgb, warp};
 use crate::params::{Covector, Partial, Sink, Slot};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
+use smallvec::{SmallVec, smallvec};
 
 /// What moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,12 +44,18 @@ fn point(scene: &Scene, sensor: &Sensor, source: Source, p: DVec3, c: &Covector,
 }
 
 /// `ẋ = Σ M v(p) + Σ ṡ x_s`.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct Velocity {
     /// Sources, a point of each, and M.
     points: Vec<(Source, DVec3, DMat3)>,
     /// Slots that are no motions (indices of refraction), each once, and what x does with them.
-    values: Vec<(Slot, DVec3)>,
+    values: SmallVec<[(Slot, DVec3); 2]>,
+}
+
+impl Clone for Velocity {
+    fn clone(&self) -> Self {
+        Velocity { points: self.points.clone(), values: SmallVec::from_slice(&self.values) }
+    }
 }
 
 /// `Mᵀ c`.
@@ -63,7 +70,7 @@ pub(super) fn transposed(m: &DMat3, c: &Covector) -> Covector {
 impl Velocity {
     /// Of a point that goes with its source.
     pub fn of(source: Source, p: DVec3) -> Velocity {
-        Velocity { points: vec![(source, p, DMat3::IDENTITY)], values: Vec::new() }
+        Velocity { points: vec![(source, p, DMat3::IDENTITY)], values: SmallVec::new() }
     }
 
     /// How the unit normal n of a source turns at p. Matter is affine: `ṅ = -Σ t <n, v(p+t) - v(p)>` over two tangents.
@@ -77,7 +84,7 @@ impl Velocity {
 
     /// What goes with a slot, `ẋ = ṡ v`.
     pub fn value(slot: Slot, v: DVec3) -> Velocity {
-        Velocity { points: Vec::new(), values: vec![(slot, v)] }
+        Velocity { points: Vec::new(), values: smallvec![(slot, v)] }
     }
 
     pub fn is_zero(&self) -> bool {
@@ -97,15 +104,25 @@ impl Velocity {
     pub fn plus(mut self, w: f64, other: &Velocity) -> Velocity {
         if w != 0.0 {
             self.points.extend(other.points.iter().map(|&(s, p, m)| (s, p, m * w)));
-            for &(slot, v) in &other.values {
-                match self.values.iter_mut().find(|x| x.0 == slot) {
-                    Some(own) => own.1 += v * w,
-                    None => self.values.push((slot, v * w)),
-                }
-            }
+            other.values.iter().for_each(|&(slot, v)| self.add_value(slot, v * w));
+            self.compact();
         }
-        self.compact();
         self
+    }
+
+    /// Adds `M ẏ`.
+    pub fn add(&mut self, m: &DMat3, other: &Velocity) {
+        self.points.extend(other.points.iter().map(|&(s, p, own)| (s, p, *m * own)));
+        other.values.iter().for_each(|&(slot, v)| self.add_value(slot, *m * v));
+        self.compact();
+    }
+
+    /// Adds `ṡ v`.
+    pub fn add_value(&mut self, slot: Slot, v: DVec3) {
+        match self.values.iter_mut().find(|x| x.0 == slot) {
+            Some(own) => own.1 += v,
+            None => self.values.push((slot, v)),
+        }
     }
 
     /// The same with at most four points a source. All motions are affine: `Σ M v(p) = (Σ M) v(o) + Σ_j (Σ M (p-o)_j) (v(o+e_j) - v(o))`. Otherwise rays that go

@@ -8,6 +8,7 @@
 //! Techniques for one light path (direction or light sampling, free flight or equi-angular) are weighted by functions of
 //! the geometry alone, so the weights sum to one whatever the tracking inside them did.
 
+use super::lead::Lead;
 use super::mirror::{self, Resume};
 use super::poles::Poles;
 use super::record::{End, Event, MediumSpan, Prefix, Recorder};
@@ -81,7 +82,7 @@ pub struct State {
     /// The second chain: the unscattered part of the camera line.
     pub pending: Option<Box<State>>,
     /// Spans of the camera line up to here, and what turned it, for the records of all chains that begin with them; of a mirrored path, its chain's events up to the first vertex, too.
-    pub lead: Option<Arc<[Event]>>,
+    pub lead: Lead,
     /// Nothing but smooth interfaces has turned it since the camera.
     pub direct: bool,
     /// Of these the last ones.
@@ -115,6 +116,26 @@ impl State {
         (self.pdf_direction > 0.0).then_some((self.vertex, self.pdf_direction))
     }
 
+    /// Whether directions drawn beside critical angles may come about at the next stage: not at the first interface, where both rays are followed.
+    fn looks_beside(&self, scene: &Scene) -> bool {
+        match self.stage {
+            Stage::Medium | Stage::Reflect(_) => true,
+            Stage::Surface(h) => !(self.direct && self.depth == 0 && scene.surface_of(h.shape).is_smooth()),
+            _ => false,
+        }
+    }
+
+    /// The same path, and all that wait, without a look beside critical angles.
+    #[must_use]
+    pub fn plain(mut self) -> Self {
+        let mut next = Some(&mut self);
+        while let Some(s) = next {
+            (s.drawn, s.flight.drawn) = (None, None);
+            next = s.pending.as_deref_mut();
+        }
+        self
+    }
+
     /// Go on behind an interface, straight.
     pub fn pass(&mut self, scene: &Scene, hit: &Hit) {
         let mut ray = March::new(self.o, self.w, self.on, self.medium);
@@ -144,7 +165,7 @@ impl State {
             unit_reflectance: false,
             mirrored: None,
             pending: None,
-            lead: None,
+            lead: Lead::default(),
             direct: true,
             in_a_row: 0,
             poles: None,
@@ -219,6 +240,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
         loop {
             if self.rec.checkpoint(self.scene, s) || self.rec.is_over(s) {
                 return;
+            }
+            if R::ON && s.drawn.is_some() && s.looks_beside(self.scene) {
+                self.rec.parts(s, self.value);
             }
             s.steps += 1;
             if s.steps > self.set.cap {

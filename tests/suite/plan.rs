@@ -29,7 +29,7 @@ const NO: Facts = Facts {
     area_light: false,
     border_jump: false,
     dielectric: false,
-    one_pane: false,
+    only_panes: false,
     polygonal_dielectric: false,
     rims: false,
     rimmed: false,

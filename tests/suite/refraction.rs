@@ -139,6 +139,35 @@ fn a_pond_in_motion_against_differences() {
     against_differences(&mirror, &moves, &["all"], 1 << 13, 0.02);
 }
 
+/// The same under a pane of glass in the air, without the water: light that passes both of its faces, and what goes to and fro between them.
+fn window(light: &str) -> String {
+    let water = pond(light);
+    let (a, b) =
+        (water.find(r#"<shape type="rectangle" id="water">"#).unwrap(), water.find(r#"<shape type="cube">"#).unwrap());
+    let face = |id: &str, at: &str| {
+        format!(
+            r#"<shape type="rectangle" id="{id}"><transform name="to_world"><scale value="9"/>{at}</transform>
+    <bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf></shape>"#
+        )
+    };
+    let upper = face("upper", r#"<translate z="$h"/>"#);
+    let lower =
+        face("lower", r#"<rotate x="1" angle="180"/><rotate x="1" y="0.3" angle="$tilt"/><translate z="-0.2"/>"#);
+    format!("{}{upper}{lower}{}", &water[..a], &water[b..])
+        .replace(r#"name="n" value="1.33""#, r#"name="n" value="1.5""#)
+        .replace(r#"name="max_depth" value="6""#, r#"name="max_depth" value="9""#)
+}
+
+/// Its index, either face, the camera and the light, by chains of two faces and more.
+#[test]
+fn a_window_in_motion_against_differences() {
+    let moves = [("n", 0.02), ("h", 0.02), ("tilt", 1.0), ("cam", 0.02)];
+    for (light, own) in [(LAMP, &[("x", 0.02), ("z", 0.02)][..]), (SPOT, &[("dx", 0.02)]), (SUN, &[("dx", 0.02)])] {
+        let all: Vec<_> = moves.iter().chain(own).copied().collect();
+        against_differences(&window(light), &all, &["all"], 1 << 13, 0.02);
+    }
+}
+
 #[test]
 fn lights_over_a_pond_against_differences() {
     let place = [("x", 0.02), ("z", 0.02)];
@@ -227,6 +256,16 @@ fn shadows_by_way_of_a_pane_are_refused() {
     );
     // Together with what turns the rays, too.
     assert_eq!(of(&pond(LAMP), &["x", "cam", "n", "h"]), "");
+    // Several faces.
+    for (light, name) in [(LAMP, "x"), (SPOT, "x"), (SUN, "dx")] {
+        assert_eq!(of(&window(light), &[name, "n", "h", "cam"]), "", "{name}");
+        let lower = r#"<scale value="9"/><rotate x="1" angle="180"/>"#;
+        let narrow = window(light).replace(lower, r#"<scale value="1.5"/><rotate x="1" angle="180"/>"#);
+        assert!(of(&narrow, &["n"]).contains("the border of `lower`"), "{name}");
+        let aslant = window(light).replace(r#"name="tilt" value="0""#, r#"name="tilt" value="3""#);
+        assert!(of(&aslant, &[name]).contains("are not parallel"), "{name}: {}", of(&aslant, &[name]));
+        assert!(of(&aslant, &["n"]).contains("cannot be differentiated yet"), "{name}");
+    }
     let narrow = pond(LAMP).replace(r#"<scale value="9"/>"#, r#"<scale value="0.5"/>"#);
     assert!(["n", "h", "cam"].iter().all(|name| of(&narrow, &[name]).contains("the border of `water`")));
     let lifted = pond(LAMP).replace(r#"<translate z="-1.9"/>"#, r#"<translate z="-1.9"/><translate x="$x"/>"#);
