@@ -132,7 +132,7 @@ impl Specular {
         let interface = Interface::new(c, n1, n2);
         let (eta, f) = (interface.eta, interface.reflectance());
         let refracted = interface.bend().zip(interface.cos_refracted()).filter(|_| self.through);
-        let (mut s, share, by) = match refracted {
+        let (mut s, share) = match refracted {
             Some((a, q)) => {
                 let straight = |x: f64| DMat3::from_diagonal(DVec3::splat(x));
                 let by_d = straight(eta.v) - outer(side, side) * a.d[0];
@@ -142,17 +142,16 @@ impl Specular {
                     Share::Radiance => through * eta.sqr(),
                     Share::Irradiance => through * c / q,
                 };
-                (Slopes::of([by_d, by_n]), share, [1, 2].map(|k| d * eta.d[k] + side * a.d[k]))
+                let mut s = Slopes::of([by_d, by_n]);
+                s.by_index.extend([0, 1].map(|k| (slot + k as Slot, d * eta.d[1 + k] + side * a.d[1 + k])));
+                (s, share)
             }
-            None => (Slopes::mirrored(d, self.n), f, [DVec3::ZERO; 2]),
+            None => (Slopes::mirrored(d, self.n), f),
         };
         let log = |k: usize| if share.v > 0.0 { share.d[k] / share.v } else { 0.0 };
         s.share_d.add(side * -log(0), Rgb::ONE);
         s.share_n.add(d * (-log(0) * sign), Rgb::ONE);
-        for (k, by) in by.into_iter().enumerate() {
-            s.by_index.push((slot + k as Slot, by));
-            s.share_index.push((slot + k as Slot, Rgb::splat(log(1 + k))));
-        }
+        s.share_index.extend([0, 1].map(|k| (slot + k as Slot, Rgb::splat(log(1 + k)))));
         s
     }
 
@@ -203,14 +202,15 @@ impl FilmLine<'_> {
         let slopes = b.slopes(self.scene.surface_of(b.hit.shape), Share::Radiance);
         // Directions stay of unit length.
         let across = DMat3::IDENTITY - outer(b.out, b.out);
-        let (by_d, by_n) = (across * slopes.by_d, across * slopes.by_n);
+        let (by_d, by_n) = (slopes.by_d, slopes.by_n);
         let mut out = Velocity::default();
         for &(slot, by) in slopes.by_index.iter().filter(|x| self.moving.is_index(x.0)) {
             out.add_value(slot, across * by);
         }
         let (start, turned) = self.at_interface(b, slopes);
-        out.add(&by_d, &turned.coming);
-        out.add(&by_n, &turned.normal);
+        for (by, v) in [(by_d, &turned.coming), (by_n, &turned.normal)].into_iter().filter(|x| !x.1.is_zero()) {
+            out.add(&(across * by), v);
+        }
         (MovingRay::new(b.hit.p, b.out, start, out), turned)
     }
 
