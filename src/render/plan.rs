@@ -139,7 +139,7 @@ pub struct Facts {
     /// The density of some medium jumps at a visible border (its box, its shape).
     pub border_jump: bool,
     pub dielectric: bool,
-    /// All of it is one flat face: a rectangle or a disk.
+    /// All of it is rectangles and disks: a rectangle or a disk.
     pub only_panes: bool,
     /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,

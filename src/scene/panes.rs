@@ -6,7 +6,7 @@ use crate::math::{DVec2, DVec3};
 use crate::shape::Geometry;
 
 /// Sine between normals that count as parallel.
-const PARALLEL: f64 = 1e-9;
+pub const PARALLEL: f64 = 1e-9;
 
 /// A face of a rectangle, disk or cube of glass or metal.
 #[derive(Clone, Copy, Debug)]
@@ -33,11 +33,15 @@ impl Scene {
         self.panes = panes;
     }
 
-    /// Whether all that is smooth is flat faces by themselves, rectangles and disks, parallel to one another.
-    pub fn has_parallel_panes(&self) -> bool {
+    /// Whether all that is smooth is flat faces by themselves: rectangles and disks.
+    pub fn has_only_panes(&self) -> bool {
         let mut smooth = self.shapes.iter().filter(|s| self.surfaces[s.surface as usize].is_smooth());
-        let single = smooth.all(|s| is_flat(&s.shape) && s.shape.face_count() == 1);
+        !self.panes.is_empty() && smooth.all(|s| is_flat(&s.shape) && s.shape.face_count() == 1)
+    }
+
+    /// Whether these are parallel to one another, too.
+    pub fn has_parallel_panes(&self) -> bool {
         let parallel = |p: &Pane| self.panes[0].n.cross(p.n).length() <= PARALLEL;
-        single && !self.panes.is_empty() && self.panes.iter().all(parallel)
+        self.has_only_panes() && self.panes.iter().all(parallel)
     }
 }

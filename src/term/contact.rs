@@ -1,13 +1,14 @@
 //! Bodies that stand on each other or against a border of a medium, and part as they move: what opens between them is seen on one side of the motion
-//! only, so that there is no derivative.
+//! only, so that there is no derivative. So it is with a medium whose border lies in a face that leaves it.
 
 use super::Motion;
 use super::rims::{Rim, rims};
 use crate::math::DVec3;
 use crate::params::{ParamSet, Slot};
-use crate::scene::Scene;
 use crate::scene::nearest::{Kind, Near};
+use crate::scene::{Instance, Scene};
 use crate::shape::Geometry;
+use crate::shape::edges::with_corners;
 use rayon::prelude::*;
 
 /// Edges of a shape that are looked at, about.
@@ -49,7 +50,27 @@ pub fn find(scene: &Scene, motion: &Motion, params: &ParamSet) -> Option<(u32, u
         let shapes: Vec<u32> = r.shapes().collect();
         stands(scene, motion, params, reach, &shapes, 0, |t| r.edge(t).a)
     };
-    chosen.find_map_first(of_edge).or_else(|| rims(scene, motion).iter().find_map(of_rim))
+    let found = chosen.find_map_first(of_edge).or_else(|| rims(scene, motion).iter().find_map(of_rim));
+    found.or_else(|| borders(scene, motion, params, reach))
+}
+
+/// The same for a border of a medium that lies in a face of a body.
+fn borders(scene: &Scene, motion: &Motion, params: &ParamSet, reach: f64) -> Option<(u32, u32)> {
+    let beside = |id: u32, s: &Instance| {
+        let parts = |(k, other): (u32, &Instance)| {
+            let body = !scene.is_null(other) && motion.class(k) != motion.class(id);
+            body && other.shape.bounds().gap(&s.shape.bounds()) <= reach
+        };
+        (0..).zip(&scene.shapes).any(parts)
+    };
+    let of_null = (0..).zip(&scene.shapes).filter(|(id, s)| s.boundary && scene.is_null(s) && beside(*id, s));
+    let faces = of_null.flat_map(|(id, s)| (0..s.shape.face_count()).map(move |face| (id, s, face)));
+    faces.take(EDGES).find_map(|(id, s, face)| {
+        let corners: Vec<DVec3> = with_corners(&s.shape, face, <[DVec3]>::to_vec)?;
+        let next = |i: usize| corners[(i + 1) % corners.len()];
+        (0..corners.len())
+            .find_map(|i| stands(scene, motion, params, reach, &[id], face, |t| corners[i].lerp(next(i), t)))
+    })
 }
 
 /// What a curve of a shape (of several that share it) lies in and parts from.

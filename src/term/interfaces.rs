@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::light::LightKind;
 use crate::scene::beams::is_flat;
 use crate::scene::nearest::Kind;
+use crate::scene::panes::PARALLEL;
 use crate::scene::{Instance, On, Scene};
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
@@ -116,12 +117,23 @@ fn has_known_outline(scene: &Scene, s: &Instance) -> bool {
     }
 }
 
+/// Whether two are single flat faces in planes that are parallel and apart.
+fn are_apart(scene: &Scene, a: &Instance, b: &Instance) -> bool {
+    let single = |s: &Instance| matches!(s.shape, Shape::Rectangle(_) | Shape::Disk(_));
+    let plane = |s: &Instance| {
+        let p = s.shape.bounds().center();
+        (p, s.shape.normal(0, p))
+    };
+    let ((p, n), (q, m)) = (plane(a), plane(b));
+    single(a) && single(b) && n.cross(m).length() <= PARALLEL && (q - p).dot(n).abs() > ends::contact(scene)
+}
+
 /// Faces that meet have an edge between them.
 fn touching(scene: &Scene) -> Result<()> {
     let smooth: Vec<&Instance> =
         scene.shapes.iter().filter(|s| scene.surfaces[s.surface as usize].is_smooth()).collect();
     for (i, a) in smooth.iter().enumerate() {
-        let meets = |b: &&&Instance| a.shape.bounds().gap(&b.shape.bounds()) == 0.0;
+        let meets = |b: &&&Instance| a.shape.bounds().gap(&b.shape.bounds()) == 0.0 && !are_apart(scene, a, b);
         if let Some(b) = smooth[i + 1..].iter().find(meets).filter(|b| is_flat(&a.shape) && is_flat(&b.shape)) {
             let what = format!(
                 "`{}` and `{}` mirror or refract and may meet: rays part there, which cannot be differentiated yet",

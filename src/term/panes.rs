@@ -12,9 +12,9 @@
 //! that has gone so far is less than e^-40 of what it was. No other medium may touch the light: beside it connections by way of the face would need [`crate::transport::beside`].
 //! Turning a spot, or opening it, moves no shadow: it asks for nothing of this.
 
-use super::{Motion, ends};
+use super::{LightMotion, Motion, ends};
 use crate::error::{Error, Result, Span};
-use crate::light::{LightKind, Origin};
+use crate::light::{Light, LightKind, Origin};
 use crate::math::fold::Fold;
 use crate::math::{DVec2, DVec3, Rgb};
 use crate::scene::chains::Link;
@@ -39,15 +39,17 @@ pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Re
     let refuse = |what: String, remedy: &str| Err(Error::scene(&face.span, what, remedy));
     // Vertices that ride on camera rays, and a face that moves or refracts otherwise, carry the light of all lights past the same borders.
     let carried = motion.surfaces() && are_known(scene, motion);
-    let lit = || scene.lights.iter().zip(&motion.lights).any(|(l, m)| l.is_delta() && (m.position || m.direction));
-    if !scene.has_parallel_panes() && (carried || lit()) {
+    let turns = motion.surfaces();
+    let lit = |(l, m): (&Light, &LightMotion)| l.is_delta() && (turns || m.position || m.direction);
+    let aslant = scene.has_only_panes() && !scene.has_parallel_panes();
+    if aslant && scene.lights.iter().zip(&motion.lights).any(lit) {
         let name = |p: &Pane| &scene.shapes[p.shape as usize].name;
         let other = scene.panes.last().map_or(&face.name, name);
         let what = format!(
             "`{}` and `{other}` mirror or refract and are not parallel, and light without extent falls on them: how that moves cannot be told yet",
             face.name
         );
-        return refuse(what, "turn them so that they are parallel, or keep one of them");
+        return refuse(what, "turn them so that they are parallel, keep one of them, or light the scene otherwise");
     }
     let mut region = None;
     for (id, (light, m)) in scene.lights.iter().zip(&motion.lights).enumerate().filter(|(_, (l, _))| l.is_delta()) {

@@ -156,14 +156,14 @@ pub(super) struct Line {
 }
 
 /// The derivative of its optical depth: triples `(v, s, weight)` with the meaning `weight <v, ẏ>`, y being the point at the distance s, and the
-/// extinction at the end, which multiplies the growth of the length. Returns medium and faces there.
+/// extinction at the end, which multiplies the growth of the length. Returns the ray behind the last border before that.
 pub(super) fn optical_depth(
     scene: &Scene,
     line: &Line,
     rng: &mut Rng,
     mut passes: impl FnMut(DVec3, f64, Rgb),
     mut growing: impl FnMut(Rgb),
-) -> (Option<u32>, On) {
+) -> March {
     let mut ray = March::new(line.o, line.w, line.on, line.medium);
     let mut entered = None;
     for _ in 0..scene.max_interfaces {
@@ -195,7 +195,7 @@ pub(super) fn optical_depth(
         ray.pass(scene, &h);
         entered = Some(h.n);
     }
-    (ray.medium, ray.on)
+    ray
 }
 
 /// One medium's piece of a connection, `before` from its start.

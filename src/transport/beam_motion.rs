@@ -153,7 +153,7 @@ impl Connection<'_> {
         // In the order in which the line back passes them.
         let mut left = self.pieces;
         let (o, start) = back(scene, moving, way, &points, &turns, from, |line, (o, w), length| {
-            let own = left.iter().take_while(|p| p.w == w && (p.end() - o).dot(w) <= length * (1.0 + 1e-9)).count();
+            let own = left.iter().take_while(|p| p.w == w && p.lies_on(o, w, length * (1.0 + 1e-9))).count();
             let (pieces, rest) = left.split_at(own);
             left = rest;
             for piece in pieces {

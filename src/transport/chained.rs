@@ -60,8 +60,10 @@ impl Starts {
         self.counts.resize(rec.events.len(), false);
         for (e, own) in rec.events.iter().zip(&mut self.counts).rev() {
             counts |= e.adds();
-            *own = counts;
-            counts &= !matches!(e, Event::Chain);
+            let begins = matches!(e, Event::Chain);
+            // What the chain has collected ends with it.
+            *own = counts || begins;
+            counts &= !begins;
         }
         self.list(scene, moving, rec, open);
     }
@@ -95,7 +97,7 @@ impl Starts {
         };
         for (k, e) in rec.events.iter().enumerate() {
             // Of what comes behind nobody asks.
-            if !counts[k] && !matches!(e, Event::Chain) {
+            if !counts[k] {
                 continue;
             }
             let begun = [opening.first.is_some(), opening.second.is_some()];

@@ -57,7 +57,7 @@ pub struct FlatWay<R> {
 }
 
 impl<R: Real> Faces<R> {
-    /// The way in motion, near the one that `before` and `first` tell; `None` where it ends: in total reflection, or at an edge of the light's pencil.
+    /// The way in motion, near the one that `before` and `first` tell; `None` where there is none: in total reflection, or where it grazes a plane.
     pub fn way(&self) -> Option<FlatWay<R>> {
         let still = self.ray([R::zero(); 2])?;
         let ([x, y], [[a, b], [c, d]]) = (still.misses, still.slope);

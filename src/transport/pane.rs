@@ -209,11 +209,12 @@ pub(super) fn score<R: Recorder>(w: &mut Walker<R>, s: &State, vertex: &Vertex, 
         let (spans, phase) = (w.rec.side_len() - first, [phase, None]);
         let Found { way, points, emission } = *f;
         let (light, len, at) = (way.light, way.steps.len() as u32, points.last().copied().unwrap_or(s.o));
-        let begin = w.rec.steps(&way.steps);
+        let aims = w.rec.follows(light).is_some_and(|bit| s.left & bit == 0);
+        let begin = w.rec.steps(&way.steps, aims);
         let end = End::Way { light, first: begin, len, at };
         w.rec.push(Event::Connect { weight, emission, end, first_span: first, spans, phase, via: None });
         vertex.scored(w.rec, toward, value);
-        if w.rec.follows(light).is_some_and(|bit| s.left & bit == 0) {
+        if aims {
             let (steps, turn) = ([begin, len], vertex.turn(s));
             let aim = WayAim { light, steps, first: at, x: s.o, on, medium, turn, rng: s.aside };
             w.rec.push(Event::WayAim { aim, value });

@@ -41,6 +41,8 @@ pub struct Piece {
 
 /// Slack within which a grid's box ends a span where the span itself ends, as a share of the grid's part of it.
 const SAME: f64 = 1e-9;
+/// Distance from a line over lengths along it, within which a piece is a part of it.
+const BESIDE: f64 = 1e-6;
 
 /// A point of a line of direction w that keeps to a border of normal n instead of going with the line, whatever velocity the line has there.
 pub fn onto(n: DVec3, w: DVec3) -> DMat3 {
@@ -100,6 +102,14 @@ impl Piece {
             }
         }
         self
+    }
+
+    /// Whether it is a part of the line of this length from o along w, but for rounding. Lines between parallel mirrors have one direction: only their places tell them apart.
+    pub fn lies_on(&self, o: DVec3, w: DVec3, length: f64) -> bool {
+        let off = self.start() - o;
+        let across = (off - w * off.dot(w)).length();
+        let scale = off.length() + if length.is_finite() { length } else { 0.0 };
+        self.w.dot(w) > 1.0 - SAME && (self.end() - o).dot(w) <= length && across <= BESIDE * scale
     }
 
     pub fn start(&self) -> DVec3 {

@@ -170,9 +170,9 @@ pub enum Event {
 }
 
 impl Event {
-    /// With its weights times f.
-    fn times(mut self, f: f64) -> Event {
-        match &mut self {
+    /// Its weights times f.
+    fn weigh(&mut self, f: f64) {
+        match self {
             Event::Span { prefix: Some(prefix), .. } | Event::Surface { prefix, .. } => prefix.beta *= f,
             Event::Ends { start, end, .. } => {
                 *start *= f;
@@ -194,7 +194,6 @@ impl Event {
             | Event::Specular(_)
             | Event::Share(_) => {}
         }
-        self
     }
 
     /// Whether light is collected there.
@@ -222,8 +221,8 @@ pub trait Recorder {
     }
     /// Forget the side spans from this one on.
     fn side_truncate(&mut self, _len: u32) {}
-    /// Keep the steps of a connection's way, and return the number of the first.
-    fn steps(&mut self, _steps: &[Step]) -> u32 {
+    /// Keep the steps of a connection's way, and return the number of the first. `aims`: its light moves.
+    fn steps(&mut self, _steps: &[Step], _aims: bool) -> u32 {
         0
     }
     /// Keep a drawn point, and return its number.
@@ -392,10 +391,10 @@ impl Recorder for PathRecord {
             Event::Share(f) => self.share = Some(f),
             _ => {}
         }
-        self.events.push(match self.share {
-            Some(f) => e.times(f),
-            None => e,
-        });
+        self.events.push(e);
+        if let (Some(f), Some(e)) = (self.share, self.events.last_mut()) {
+            e.weigh(f);
+        }
     }
 
     fn side_span(&mut self, s: MediumSpan) {
@@ -412,9 +411,12 @@ impl Recorder for PathRecord {
         self.side.truncate(len as usize);
     }
 
-    fn steps(&mut self, steps: &[Step]) -> u32 {
-        self.steps.extend_from_slice(steps);
-        (self.steps.len() - steps.len()) as u32
+    fn steps(&mut self, steps: &[Step], aims: bool) -> u32 {
+        let first = self.steps.len() as u32;
+        if aims || !self.lights_only {
+            self.steps.extend_from_slice(steps);
+        }
+        first
     }
 
     fn drawn(&mut self, d: Drawn) -> u32 {

@@ -25,7 +25,7 @@ use crate::math::rng::Rng;
 use crate::math::{DMat3, DVec3, Dual, Rgb, V3, fresnel, gradient};
 use crate::params::{Covector, ParamSet, Sink, Slot};
 use crate::scene::beams::Step;
-use crate::scene::{On, Scene};
+use crate::scene::{Hit, On, Scene};
 use crate::surface::Surface;
 use smallvec::SmallVec;
 
@@ -137,14 +137,15 @@ fn depths(scene: &Scene, (aim, steps): (&WayAim, &[Step]), way: &FlatWay<D>, mut
             (0..3).for_each(|k| add(k, sigma * v.dot(start[k] - turn[k] * s)));
         };
         let growing = |sigma: Rgb| (0..3).for_each(|k| changes[k] += sigma * length.d[LIGHT + k]);
-        let (reached, passed) = aim::optical_depth(scene, &line, &mut rng, passes, growing);
+        let ray = aim::optical_depth(scene, &line, &mut rng, passes, growing);
         (0..3).for_each(|k| add(k, changes[k]));
         let Some(step) = k.checked_sub(1).map(|i| &steps[i]) else { break };
         o = way.at[k - 1];
-        let hit = scene.hit_at(o.value(), step.shape, step.face);
-        on = specular::left(&passed, &hit, line.w, step.through, scene.tolerance(hit.p));
-        let beyond = || scene.shapes[step.shape as usize].medium_behind(line.w, step.n, reached);
-        medium = if step.through { beyond() } else { reached };
+        // As far from the last border as it is: what that was is not here.
+        let hit = Hit { t: ray.left(line.length), ..scene.hit_at(o.value(), step.shape, step.face) };
+        on = specular::left(&ray.on, &hit, line.w, step.through, scene.tolerance(hit.p));
+        let beyond = || scene.shapes[step.shape as usize].medium_behind(line.w, step.n, ray.medium);
+        medium = if step.through { beyond() } else { ray.medium };
     }
 }
 
@@ -273,10 +274,7 @@ impl<'a> WayConnection<'a> {
             .collect();
         let mut k = 0;
         for piece in pieces {
-            let is_on = |(_, [o, w], length): &(MovingRay, [DVec3; 2], f64)| {
-                piece.w.dot(*w) > 1.0 - 1e-9 && (piece.end() - *o).dot(*w) <= *length
-            };
-            while k < last && !is_on(&lines[k]) {
+            while k < last && !piece.lies_on(lines[k].1[0], lines[k].1[1], lines[k].2) {
                 k += 1;
             }
             let line = FilmLine { scene, moving: cx.moving, ray: &lines[k].0 };

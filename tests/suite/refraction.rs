@@ -1,6 +1,6 @@
 //! What moves by way of smooth interfaces: indices, interfaces, cameras and beams, against [T] section 11 (D1, D2) and finite differences.
 
-use crate::common::{against_differences, check, derivatives, forward, job, params, scene};
+use crate::common::{against_differences, check, derivatives, difference, forward, forward_of, job, params, scene};
 use std::sync::Arc;
 use tyndall::math::Rgb;
 use tyndall::math::rng::Rng;
@@ -8,6 +8,7 @@ use tyndall::params::Forward;
 use tyndall::render::driver::{Job, Mode};
 use tyndall::render::plan::Plan;
 use tyndall::scene::Scene;
+use tyndall::scene::compile::Orders;
 use tyndall::scene::critical::Critical;
 use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
 
@@ -168,6 +169,38 @@ fn a_window_in_motion_against_differences() {
     }
 }
 
+/// Light that two mirrors throw to and fro has parallel lines; a dark cube stands on one of them, and what lies on which is told by place.
+#[test]
+fn lines_between_mirrors_are_told_apart() {
+    let mirror = |id: &str, at: &str| {
+        format!(
+            r#"<shape type="rectangle" id="{id}"><transform name="to_world"><scale value="60"/>{at}</transform><bsdf type="conductor"><float name="eta" value="0.2"/><float name="k" value="3.9"/></bsdf></shape>"#
+        )
+    };
+    let upper = mirror("upper", r#"<rotate x="1" angle="180"/><rotate y="1" angle="$a"/><translate z="1"/>"#);
+    let lower = mirror("lower", r#"<rotate y="1" angle="$b"/><translate z="-1"/>"#);
+    let text = format!(
+        r#"<scene version="3.0.0"><default name="a" value="0"/><default name="b" value="0"/>
+  <integrator type="volpath"><integer name="max_depth" value="5"/></integrator>
+  <sensor type="perspective"><float name="fov" value="3"/><transform name="to_world"><lookat origin="0, -0.8, 0.5" target="0, 0, 0.5" up="0, 0, 1"/></transform>
+    <film type="hdrfilm"><integer name="width" value="2"/><integer name="height" value="2"/><rfilter type="box"/></film></sensor>
+  <medium type="homogeneous" id="thin"><float name="sigma_t" value="0.5"/><float name="albedo" value="0.2"/></medium>
+  <medium type="homogeneous" id="dark"><float name="sigma_t" value="6"/><float name="albedo" value="0"/></medium>{upper}{lower}
+  <shape type="cube"><transform name="to_world"><scale value="0.03"/><translate z="0.5"/></transform><bsdf type="null"/><ref name="interior" id="thin"/></shape>
+  <shape type="cube"><transform name="to_world"><scale x="0.02" y="0.05" z="0.35"/><translate x="0.32" z="-0.25"/></transform><bsdf type="null"/><ref name="interior" id="dark"/></shape>
+  <emitter type="point"><point name="position" value="0.4, 0, 0.5"/><float name="intensity" value="10"/></emitter></scene>"#
+    );
+    let twice = Orders { first: 3, last: 3 };
+    let e = forward_of(&text, twice, &["a", "b"], &["all"], 1 << 12);
+    for (e, name) in e[1..].iter().zip(["a", "b"]) {
+        let fd = difference(&text, twice, name, 0.2, 1 << 12);
+        let se = e.error[0].hypot(fd.error[0]);
+        println!("{name}: {} +- {} fd {} +- {}", e.value[0], e.error[0], fd.value[0], fd.error[0]);
+        // Taken for one another they are off by 2e-5.
+        assert!((e.value[0] - fd.value[0]).abs() <= 5.0 * se + 2e-7 && se < 2e-6, "{name}: {e:?} {fd:?}");
+    }
+}
+
 #[test]
 fn lights_over_a_pond_against_differences() {
     let place = [("x", 0.02), ("z", 0.02)];
@@ -175,6 +208,11 @@ fn lights_over_a_pond_against_differences() {
     let all = [place[0], place[1], ("dx", 0.02), ("cut", 0.5), ("beam", 0.5)];
     against_differences(&pond(SPOT), &all, &["all"], 1 << 13, 0.02);
     against_differences(&pond(SUN), &[("dx", 0.02)], &["all"], 1 << 13, 0.02);
+    // Through fog on both sides of the water, whose border it passes before and behind it.
+    let across = pond(LAMP)
+        .replace(r#"<scale value="0.6"/><rotate x="1" angle="20"/><translate z="-0.95"/>"#, r#"<scale value="0.35"/>"#);
+    assert_ne!(across, pond(LAMP));
+    against_differences(&across, &[("x", 0.02), ("z", 0.02), ("n", 0.02)], &["all"], 1 << 13, 0.02);
     // From below, at the floor and the fog by way of the mirrored light as well.
     let below = pond(LAMP).replace(r#"name="z" value="1.1""#, r#"name="z" value="-0.15""#);
     against_differences(&below, &place, &["all"], 1 << 13, 0.02);
@@ -256,15 +294,25 @@ fn shadows_by_way_of_a_pane_are_refused() {
     );
     // Together with what turns the rays, too.
     assert_eq!(of(&pond(LAMP), &["x", "cam", "n", "h"]), "");
+    // A medium up to the water's own plane: what opens between them is seen on one side of the motion only.
+    let flush = pond(LAMP).replace(r#"<rotate x="1" angle="20"/><translate z="-0.95"/>"#, r#"<translate z="-0.6"/>"#);
+    assert_ne!(flush, pond(LAMP));
+    assert_eq!(of(&flush, &["x", "n", "cam"]), "");
+    assert!(["h", "tilt"].iter().all(|name| of(&flush, &[name]).contains("water")), "{}", of(&flush, &["h"]));
     // Several faces.
     for (light, name) in [(LAMP, "x"), (SPOT, "x"), (SUN, "dx")] {
         assert_eq!(of(&window(light), &[name, "n", "h", "cam"]), "", "{name}");
         let lower = r#"<scale value="9"/><rotate x="1" angle="180"/>"#;
         let narrow = window(light).replace(lower, r#"<scale value="1.5"/><rotate x="1" angle="180"/>"#);
         assert!(of(&narrow, &["n"]).contains("the border of `lower`"), "{name}");
+        // Large faces aslant to the axes, in boxes that meet.
+        let turned = window(light).replace(r#"<scale value="9"/>"#, r#"<scale value="9"/><rotate z="1" angle="5"/>"#);
+        let turned = turned.replace(r#"<translate z="$h"/>"#, r#"<translate z="$h"/><rotate x="1" angle="2"/>"#);
+        let turned = turned.replace(r#"<translate z="-0.2"/>"#, r#"<translate z="-0.2"/><rotate x="1" angle="2"/>"#);
+        assert_eq!(of(&turned, &[name, "n", "h", "cam"]), "", "{name}");
         let aslant = window(light).replace(r#"name="tilt" value="0""#, r#"name="tilt" value="3""#);
         assert!(of(&aslant, &[name]).contains("are not parallel"), "{name}: {}", of(&aslant, &[name]));
-        assert!(of(&aslant, &["n"]).contains("cannot be differentiated yet"), "{name}");
+        assert!(of(&aslant, &["n"]).contains("are not parallel"), "{name}");
     }
     let narrow = pond(LAMP).replace(r#"<scale value="9"/>"#, r#"<scale value="0.5"/>"#);
     assert!(["n", "h", "cam"].iter().all(|name| of(&narrow, &[name]).contains("the border of `water`")));
