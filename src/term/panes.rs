@@ -38,9 +38,9 @@ pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Re
     let face = &scene.shapes[pane.shape as usize];
     let refuse = |what: String, remedy: &str| Err(Error::scene(&face.span, what, remedy));
     // Vertices that ride on camera rays, and a face that moves or refracts otherwise, carry the light of all lights past the same borders.
-    let carried = motion.surfaces() && are_known(scene, motion);
-    let turns = motion.surfaces();
-    let lit = |(l, m): (&Light, &LightMotion)| l.is_delta() && (turns || m.position || m.direction);
+    let moves = motion.surfaces();
+    let carried = moves && are_known(scene, motion);
+    let lit = |(l, m): (&Light, &LightMotion)| l.is_delta() && (moves || m.position || m.direction);
     let aslant = scene.has_only_panes() && !scene.has_parallel_panes();
     if aslant && scene.lights.iter().zip(&motion.lights).any(lit) {
         let name = |p: &Pane| &scene.shapes[p.shape as usize].name;

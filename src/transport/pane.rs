@@ -56,7 +56,7 @@ fn crossed([n0, h0]: [f64; 2], [n1, h1]: [f64; 2], r2: f64) -> (f64, [f64; 2]) {
 }
 
 /// G of one flat interface, [T] (47): solid angle at the light per area across the ray at the far point.
-pub fn spread([n0, d0, c0]: [f64; 3], [n1, d1, c1]: [f64; 3]) -> f64 {
+fn spread([n0, d0, c0]: [f64; 3], [n1, d1, c1]: [f64; 3]) -> f64 {
     n1 * n1 * c0 * c1 / ((n0 * c0 * c0 * d1 + n1 * c1 * c1 * d0) * (n0 * d1 + n1 * d0))
 }
 

@@ -5,7 +5,7 @@ use crate::math::{DMat3, DVec3, Rgb, warp};
 use crate::params::{Covector, Partial, Sink, Slot};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
-use smallvec::{SmallVec, smallvec};
+use smallvec::SmallVec;
 
 /// What moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,11 +80,6 @@ impl Velocity {
             let turning = Velocity::of(source, p + t).plus(-1.0, &Velocity::of(source, p));
             sum.plus(-1.0, &turning.mapped(outer(t, n)))
         })
-    }
-
-    /// What goes with a slot, `ẋ = ṡ v`.
-    pub fn value(slot: Slot, v: DVec3) -> Velocity {
-        Velocity { points: Vec::new(), values: smallvec![(slot, v)] }
     }
 
     pub fn is_zero(&self) -> bool {
