@@ -30,7 +30,7 @@ use crate::shape::{
 use crate::surface::Surface;
 use crate::surface::rough::{MATCHED, Matter, Rough};
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Paths longer than this many steps are cut and counted.
 const PATH_CAP: u64 = 50_000_000;
@@ -107,6 +107,7 @@ impl Scene {
         let i = parts.integrator;
         let mut scene = Scene {
             max_interfaces: 2 * shapes.len() + 64,
+            open_borders: OnceLock::new(),
             has_glass,
             uniform_share: 0.0,
             least_through: 0.0,

@@ -455,9 +455,10 @@ impl Scene {
     }
 
     /// The medium at `o` on a line along w that passes what is left out ([`Scene::opaque_past`]): told by the first interface either way along it that nothing opaque stands before; `outer` where
-    /// the line has no end. What is on the other side of a wall tells nothing: between walls other ways are tried from the middle of the longest one so far.
+    /// the line has no end. What is on the other side of a wall tells nothing: between walls other ways are tried from the middle of the longest one so far. Nor does a line without an end where
+    /// borders of media do (a pond that is a rectangle): others from the same point are tried first.
     pub fn medium_past(&self, o: DVec3, w: DVec3, past: &[(u32, Vec<u32>)], outer: Option<u32>) -> Option<u32> {
-        let (mut o, mut past, mut longest) = (o, past, (0.0, o));
+        let (mut o, mut past, mut longest, mut escapes) = (o, past, (0.0, o), false);
         for k in 0..2 + TURNS * WAYS {
             let d = match k {
                 0 => w,
@@ -465,17 +466,41 @@ impl Scene {
                 _ => warp::sphere((k as f64 * EVENLY[0]).fract(), (k as f64 * EVENLY[1]).fract()),
             };
             let end = self.opaque_past(o, d, f64::INFINITY, past);
-            match (self.medium_before(o, d, end.map_or(f64::INFINITY, |h| h.t), &On::default()), end) {
+            let before = self.medium_before(o, d, end.map_or(f64::INFINITY, |h| h.t), &On::default());
+            // The end may be glass, and rounding put it on either side of the limit.
+            let told = before.or_else(|| end.filter(|h| self.parts_media(h.shape)).map(|h| self.medium_at(&h, d)));
+            match (told, end) {
                 (Some(medium), _) => return medium,
-                (None, None) => return outer,
+                (None, None) if !self.has_open_borders() => return outer,
+                (None, None) => escapes = true,
                 (None, Some(h)) if h.t > longest.0 => longest = (h.t, o + d * (0.5 * h.t)),
                 (None, Some(_)) => {}
             }
-            if k % WAYS == 1 {
-                (o, past, longest.0) = (longest.1, &[], 0.0);
+            match k % WAYS {
+                1 if !escapes => (o, past, longest.0) = (longest.1, &[], 0.0),
+                1 if k > 1 => return outer,
+                _ => {}
             }
         }
         self.medium_toward(o, w, &On::default(), outer)
+    }
+
+    /// Whether a border of media ends somewhere, so that there is a way around it.
+    fn has_open_borders(&self) -> bool {
+        let is_open = |s: &Instance| s.boundary && !s.shape.is_closed();
+        *self.open_borders.get_or_init(|| self.shapes.iter().any(is_open))
+    }
+
+    /// Whether a shape of some surface has media on both sides that light gets into.
+    fn parts_media(&self, shape: u32) -> bool {
+        let s = &self.shapes[shape as usize];
+        s.boundary && self.surfaces[s.surface as usize].is_transparent()
+    }
+
+    /// The medium before a border of media that is met along w.
+    fn medium_at(&self, h: &Hit, w: DVec3) -> Option<u32> {
+        let shape = &self.shapes[h.shape as usize];
+        if w.dot(h.n) > 0.0 { shape.interior } else { shape.exterior }
     }
 
     /// The same as [`Scene::medium_toward`] up to a limit; `None` where there is no interface.
@@ -487,14 +512,12 @@ impl Scene {
             let glass = || {
                 let limit = null.map_or(left, |n| n.0);
                 let met = self.opaque.nearest(self, o, w, limit, &on, Medium::Any)?;
-                let s = &self.shapes[met.1 as usize];
-                (s.boundary && self.surfaces[s.surface as usize].is_transparent()).then_some(met)
+                self.parts_media(met.1).then_some(met)
             };
             let Some((t, shape, face)) = glass().or(null) else { break };
             let h = self.hit(t, o + w * t, shape, face);
-            let shape = &self.shapes[h.shape as usize];
-            if shape.boundary {
-                return Some(if w.dot(h.n) > 0.0 { shape.interior } else { shape.exterior });
+            if self.shapes[h.shape as usize].boundary {
+                return Some(self.medium_at(&h, w));
             }
             on = on.crossed(&h, w, self.tolerance(h.p));
             (o, left) = (h.p, left - t);

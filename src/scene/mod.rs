@@ -49,6 +49,7 @@ use crate::sensor::Sensor;
 use crate::shape::{Bounds, Geometry, Shape};
 use crate::surface::Surface;
 use geometry::Group;
+use std::sync::OnceLock;
 
 /// A shape with what it does to light.
 pub struct Instance {
@@ -170,6 +171,8 @@ pub struct Scene {
     pub null: Group,
     /// More crossings than this in one straight line: something is wrong, counted in `health`.
     pub max_interfaces: usize,
+    /// Whether borders of media end somewhere, once anybody has asked.
+    open_borders: OnceLock<bool>,
     /// Whether anything refracts.
     pub has_glass: bool,
     /// Share of uniform directions among those that leave a surface by the cosine: where anything can move, scores like 1/cos must have a

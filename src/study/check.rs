@@ -445,7 +445,8 @@ impl Bench<'_> {
             let what = format!("--step {h}: the scene refuses `{}` = {} +- {h}", at.name, at.value);
             return Err(Error::usage(what, "give a smaller step, or --step auto"));
         }
-        if means && let Some((step, rungs)) = widest(at, &self.view, &self.blocks, self.first, o.seed, &self.health)? {
+        let wide = if means { widest(at, &self.view, &self.blocks, self.first, o.seed, &self.health)? } else { None };
+        if let Some((step, rungs)) = wide {
             say(format!("{}: step {step:.3e} out of {}", at.name, rungs.len()));
             return Ok((Side::Central, step, rungs, true));
         }

@@ -15,7 +15,7 @@
 //! A second vertex z that keeps to its direction from x ([`super::attach`]) slides over its surface by `χ Q (ẋ - ż_B)`; all later points take that over
 //! around z in the same way, or segments from z to points near by would score like one over their lengths, whose square no flight's density makes integrable.
 
-use super::attach::Attached;
+use super::attach::{Attached, From};
 use super::field::{Field, decay};
 use super::motion::Moving;
 use super::piece::{Piece, Stop, onto, outer};
@@ -381,7 +381,12 @@ impl FilmLine<'_> {
         let (x, own) = first.at?;
         let plane = own.map(|h| h.n);
         let inner = self.moving.inner().distance([shape, face], x, plane)?;
-        Attached::new(&self.scene.shapes[shape as usize].shape, face, inner, x, plane, z, n)
+        let alpha = own.and_then(|h| match self.scene.surface_of(h.shape) {
+            Surface::Rough(rough) => Some(rough.alpha),
+            _ => None,
+        });
+        let from = From { x, plane, alpha, inner };
+        Attached::new(&self.scene.shapes[shape as usize].shape, face, from, z, n)
     }
 
     /// `along`: e keeps to the face as it is.

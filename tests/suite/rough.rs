@@ -1,7 +1,7 @@
 //! Rough interfaces and metals: furnaces, the smooth limit, techniques against each other, and derivatives of roughness and index against finite differences.
 //! |z| <= 4.5 (false alarm 7e-6 a comparison); differences at 5 standard errors.
 
-use crate::common::{against_differences, check, forward, params, scene};
+use crate::common::{against_differences, check, derivatives, forward, params, scene};
 use tyndall::render::plan::Plan;
 
 /// A ball of fog within `bsdf`, inside out where `flip`, and more of a scene; from outside.
@@ -170,6 +170,45 @@ fn motion_behind_frosted_glass_against_differences() {
     <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/></film></sensor></scene>"#;
     let what = [("turn", 1.0), ("camera_x", 0.05), ("light_x", 0.05)];
     against_differences(text, &what, &["all"], 1 << 11, 0.02);
+}
+
+/// A ball and a can that move behind frosted glass: their points keep to the directions that the glass sends light in. By their matter, noise is twice this.
+#[test]
+fn round_things_behind_frosted_glass_against_differences() {
+    let text = r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="can" value="1.1"/>
+  <integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <medium type="homogeneous" id="water"><rgb name="sigma_t" value="0.5,0.3,0.2"/><rgb name="albedo" value="0.2,0.3,0.35"/></medium>
+  <shape type="rectangle"><transform name="to_world"><scale value="50"/><translate z="1"/></transform>
+    <bsdf type="roughdielectric"><string name="distribution" value="ggx"/><float name="alpha" value="0.1"/><float name="int_ior" value="1.45"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="water"/></shape>
+  <shape type="sphere"><point name="center" value="$x, -0.3, 0.1"/><float name="radius" value="0.5"/><bsdf type="diffuse"><rgb name="reflectance" value="0.8,0.3,0.15"/></bsdf></shape>
+  <shape type="cylinder"><point name="p0" value="$can, -0.8, 0.1"/><point name="p1" value="$can, 0.2, 0.1"/><float name="radius" value="0.35"/>
+    <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.4,0.6,0.7"/></bsdf></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><scale x="0.35" y="0.25"/><rotate x="1" angle="40"/><translate x="0.3" y="0.9" z="-0.2"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="10"/></emitter></shape>
+  <sensor type="perspective"><float name="fov" value="12"/><transform name="to_world"><lookat origin="0.5, 0.6, 4.6" target="0.5, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/></film></sensor></scene>"#;
+    for (name, target, channel, bound) in [("x", "-0.2, 0, 0", 0, 0.004), ("can", "0.8, 0, 0", 2, 0.0025)] {
+        let text = text.replace("0.5, 0, 0", target);
+        against_differences(&text, &[(name, 0.02)], &["all"], 1 << 12, 0.02);
+        let e = derivatives(&text, &[name], &["interior"], 1 << 12)[0];
+        assert!(e.error[channel] < bound, "{name}: {e:?}");
+    }
+}
+
+/// Something moves in water that nothing bounds but a pane: lines past its edges that go on forever are in the water too, as the pane tells.
+#[test]
+fn edges_in_water_that_ends_nowhere_against_differences() {
+    let text = r#"<scene version="3.0.0"><default name="x" value="1.1"/><integrator type="volpath"><integer name="max_depth" value="3"/></integrator>
+  <medium type="homogeneous" id="water"><rgb name="sigma_t" value="0.5,0.3,0.2"/><rgb name="albedo" value="0.2,0.3,0.35"/></medium>
+  <shape type="rectangle"><transform name="to_world"><scale value="50"/><translate z="1"/></transform>
+    <bsdf type="roughdielectric"><float name="alpha" value="0.5"/><float name="int_ior" value="1.45"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="water"/></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate x="1" angle="20"/><translate x="$x" y="-0.3" z="0.1"/></transform>
+    <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.4,0.6,0.7"/></bsdf></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><scale x="0.35" y="0.25"/><rotate x="1" angle="40"/><translate x="0.3" y="0.9" z="-0.2"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="10"/></emitter></shape>
+  <sensor type="perspective"><float name="fov" value="12"/><transform name="to_world"><lookat origin="0.5, 0.6, 4.6" target="0.8, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/></film></sensor></scene>"#;
+    against_differences(text, &[("x", 0.02)], &["all"], 1 << 15, 0.0);
 }
 
 /// An index that is equal on both sides is refused by name.
