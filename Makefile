@@ -42,6 +42,11 @@ embree4:
 	@scripts/test-embree4.sh
 
 # Slow suites.
+# The least Rust that is promised, in a folder of its own.
+msrv: setup
+	rustup toolchain install 1.85 --profile minimal
+	CARGO_TARGET_DIR=target/msrv cargo +1.85 check --workspace --all-targets
+
 stress: build
 	target/release/tyndall stress --suite core
 	cargo test --release --test suite -- --ignored --nocapture --skip stress::
