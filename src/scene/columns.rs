@@ -173,7 +173,7 @@ impl Scene {
             let (sin, cos) = (TAU * k as f64 / PROBES as f64).sin_cos();
             let base = way.base(position + (a * cos + b * sin) * (radius * share), direction);
             let start = base + way.w * (OFF * self.bounds.radius());
-            let medium = self.medium_toward(start, way.w, &On::default(), outer);
+            let medium = self.medium_past(start, way.w, &[], outer);
             let mut ray = March::new(start, way.w, On::default(), medium);
             for _ in 0..=self.max_interfaces {
                 let hit = ray.meets(self, f64::INFINITY);

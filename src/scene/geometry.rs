@@ -449,11 +449,6 @@ impl Scene {
         ray.medium
     }
 
-    /// The medium at `o`, told by the first interface along `w`; `otherwise` where there is none.
-    pub fn medium_toward(&self, o: DVec3, w: DVec3, on: &On, otherwise: Option<u32>) -> Option<u32> {
-        self.medium_before(o, w, f64::INFINITY, on).unwrap_or(otherwise)
-    }
-
     /// The medium at `o` on a line along w that passes what is left out ([`Scene::opaque_past`]): told by the first interface either way along it that nothing opaque stands before; `outer` where
     /// the line has no end. What is on the other side of a wall tells nothing: between walls other ways are tried from the middle of the longest one so far. Nor does a line without an end where
     /// borders of media do (a pond that is a rectangle): others from the same point are tried first.
@@ -466,7 +461,7 @@ impl Scene {
                 _ => warp::sphere((k as f64 * EVENLY[0]).fract(), (k as f64 * EVENLY[1]).fract()),
             };
             let end = self.opaque_past(o, d, f64::INFINITY, past);
-            let before = self.medium_before(o, d, end.map_or(f64::INFINITY, |h| h.t), &On::default());
+            let before = self.medium_before(o, d, end.map_or(f64::INFINITY, |h| h.t));
             // The end may be glass, and rounding put it on either side of the limit.
             let told = before.or_else(|| end.filter(|h| self.parts_media(h.shape)).map(|h| self.medium_at(&h, d)));
             match (told, end) {
@@ -482,7 +477,8 @@ impl Scene {
                 _ => {}
             }
         }
-        self.medium_toward(o, w, &On::default(), outer)
+        // Whatever opaque stands before it.
+        self.medium_before(o, w, f64::INFINITY).unwrap_or(outer)
     }
 
     /// Whether a border of media ends somewhere, so that there is a way around it.
@@ -503,9 +499,9 @@ impl Scene {
         if w.dot(h.n) > 0.0 { shape.interior } else { shape.exterior }
     }
 
-    /// The same as [`Scene::medium_toward`] up to a limit; `None` where there is no interface.
-    fn medium_before(&self, o: DVec3, w: DVec3, limit: f64, on: &On) -> Option<Option<u32>> {
-        let (mut o, mut on, mut left) = (o, *on, limit);
+    /// The medium at `o`, told by the first interface along w up to a limit; `None` where there is none.
+    fn medium_before(&self, o: DVec3, w: DVec3, limit: f64) -> Option<Option<u32>> {
+        let (mut o, mut on, mut left) = (o, On::default(), limit);
         for _ in 0..self.max_interfaces {
             let null = self.null.nearest(self, o, w, left, &on, Medium::Any);
             // Glass parts media, too.

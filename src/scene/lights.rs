@@ -1,6 +1,6 @@
 //! Which light to connect to, and how: selection, and area lights, which need their shape.
 
-use super::{Hit, On, Scene};
+use super::{Hit, Scene};
 use crate::light::{Arrival, LightKind};
 use crate::math::discrete::Discrete;
 use crate::math::{DVec2, DVec3, Rgb};
@@ -38,8 +38,8 @@ impl Scene {
         let selection = table(&|i| self.lights[i].wants_connection());
         let local = table(&|i| self.pole(i as u32).is_some());
         let outer = self.medium_around();
-        // Any interface on the way tells the medium, whatever opaque stands before it.
-        let within = |p: DVec3| self.medium_toward(p, DVec3::new(0.36, 0.48, 0.8), &On::default(), outer).is_some();
+        let any = !self.media.is_empty();
+        let within = |p: DVec3| any && self.medium_past(p, DVec3::new(0.36, 0.48, 0.8), &[], outer).is_some();
         let embedded = table(&|i| self.lights[i].center().is_some_and(|p| named[i].is_some() || within(p)));
         let connected: Vec<u32> =
             (0..self.lights.len()).filter(|&i| self.lights[i].wants_connection()).map(|i| i as u32).collect();
@@ -275,4 +275,34 @@ fn select(table: &Discrete, u: f64) -> Option<(u32, f64)> {
     }
     let (i, p, _) = table.sample(u);
     Some((i as u32, p))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::compile::LoadOptions;
+    use crate::scene::desc::SceneDesc;
+    use std::path::Path;
+
+    /// Which of two lights, on either side of one large pane that turns any way and has water behind it, stand in the water: nothing else bounds that.
+    #[test]
+    fn lights_in_water_that_ends_nowhere_are_known() {
+        for axis in ["x", "y", "z"] {
+            for angle in (0..360).step_by(45) {
+                let text = format!(
+                    r#"<scene version="3.0.0"><integrator type="volpath"/><medium type="homogeneous" id="water"/>
+  <shape type="rectangle"><transform name="to_world"><scale value="50"/><translate z="1"/><rotate {axis}="1" angle="{angle}"/></transform>
+    <bsdf type="dielectric"><float name="int_ior" value="1.33"/></bsdf><ref name="interior" id="water"/></shape>
+  <emitter type="point"><transform name="to_world"><rotate {axis}="1" angle="{angle}"/></transform></emitter>
+  <emitter type="point"><transform name="to_world"><translate z="2"/><rotate {axis}="1" angle="{angle}"/></transform></emitter>
+  <sensor type="perspective"><transform name="to_world"><translate z="4"/><rotate {axis}="1" angle="{angle}"/></transform>
+    <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/></film></sensor></scene>"#
+                );
+                let desc = SceneDesc::parse(&text, Path::new("pane.xml"), &[]).unwrap();
+                let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap();
+                let [within, before] = [0, 1].map(|i| scene.embedded.probability(i));
+                assert!(within == 1.0 && before == 0.0, "{axis} {angle}: {within} {before}");
+            }
+        }
+    }
 }

@@ -10,7 +10,7 @@ use crate::light::LightKind;
 use crate::scene::beams::is_flat;
 use crate::scene::nearest::Kind;
 use crate::scene::panes::PARALLEL;
-use crate::scene::{Instance, On, Scene};
+use crate::scene::{Instance, Scene};
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use rayon::prelude::*;
@@ -239,9 +239,7 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
             return Err(Error::usage(what, "make what it falls on larger; a Gaussian beam has six radii"));
         }
         let outer = scene.sensors.first().and_then(|s| scene.outer_medium(s.to_world.translation, s.medium));
-        // Told by an interface before it, or else by one behind it.
-        let behind = scene.medium_toward(position, -direction, &On::default(), outer);
-        if scene.medium_toward(position, direction, &On::default(), behind).is_some() {
+        if scene.medium_past(position, direction, &[], outer).is_some() {
             let what = format!(
                 "the beam `{}` begins inside a medium, and something moves: this cannot be differentiated yet",
                 l.name
