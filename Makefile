@@ -1,6 +1,6 @@
 # The commands of the README. Each installs what it needs (scripts/setup.sh), then builds and runs.
 
-.PHONY: all setup build demo figures test lint unit embree4 docs stress bench bench-peer install clean
+.PHONY: all setup build demo figures test lint unit embree4 docs stress msrv bench bench-peer install clean
 
 # A build from nothing is quicker, and its code faster, without what later builds could use again.
 ifdef CI
@@ -42,14 +42,14 @@ embree4:
 	@scripts/test-embree4.sh
 
 # Slow suites.
+stress: build
+	target/release/tyndall stress --suite core
+	cargo test --release --test suite -- --ignored --nocapture --skip stress::
+
 # The least Rust that is promised, in a folder of its own.
 msrv: setup
 	rustup toolchain install 1.85 --profile minimal
 	CARGO_TARGET_DIR=target/msrv cargo +1.85 check --workspace --all-targets
-
-stress: build
-	target/release/tyndall stress --suite core
-	cargo test --release --test suite -- --ignored --nocapture --skip stress::
 
 bench: build
 	cargo bench --bench grid

@@ -10,8 +10,8 @@ use crate::math::Rgb;
 use crate::math::guide::{Guide, Numbers};
 use crate::math::rng::{Purpose, Rng};
 use crate::params::{ParamSet, Sink, Slot};
-use crate::scene::Scene;
 use crate::scene::parts::Filter;
+use crate::scene::{Around, Scene};
 use crate::sensor::Sensor;
 use crate::term::{Context, EdgeForm, Motion, ROOMS, Room, Sample, rooms};
 use crate::transport::Tally;
@@ -69,7 +69,7 @@ pub struct Rooms<'a> {
     sensor: &'a Sensor,
     /// Its number, which keys the outward streams.
     index: usize,
-    outer: Option<u32>,
+    around: Around,
     filter: Filter,
     even: bool,
     seed: u64,
@@ -154,7 +154,7 @@ impl<'a> Rooms<'a> {
         let (index, sensor) = (sensor, &scene.sensors[sensor]);
         let filter = scene.films[index].part.filter;
         motion.check(scene, sensor, params, crop, filter::radius(filter))?;
-        let outer = scene.outer_medium(sensor.to_world.translation, sensor.medium);
+        let around = scene.around(Some(sensor));
         let list = rooms(scene, sensor, filter::radius(filter), motion, form, wanted);
         let nanoseconds = list.iter().map(|_| AtomicU64::new(0)).collect();
         let guides = list.iter().map(|_| None).collect();
@@ -165,7 +165,7 @@ impl<'a> Rooms<'a> {
             scene,
             sensor,
             index,
-            outer,
+            around,
             filter,
             even: scene.films[index].even,
             seed,
@@ -213,7 +213,7 @@ impl<'a> Rooms<'a> {
             scene: self.scene,
             set: &self.scene.settings,
             sensor: self.sensor,
-            outer: self.outer,
+            around: self.around,
             margin: filter::radius(self.filter),
             moving: &self.motion.moving,
             tally: Tally::default(),

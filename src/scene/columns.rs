@@ -12,7 +12,7 @@
 //! with p_k the probability of the column, e(m) the profile's density at the line's place m on the beam's own plane, J the area across the column over that across the beam (`cos θ_t / cos θ_i` at each refraction).
 
 use super::beams::Way;
-use super::{March, On, Scene};
+use super::{Around, March, On, Scene};
 use crate::light::{LightKind, beam_profile};
 use crate::math::discrete::Discrete;
 use crate::math::equiangular::EquiAngular;
@@ -151,8 +151,8 @@ impl Columns {
 impl Scene {
     /// Find the columns; call when beams and media are known.
     pub(super) fn prepare_columns(&mut self) {
-        let outer = self.medium_around();
-        let list: Vec<Option<Column>> = self.beams.ways.iter().map(|w| self.column(w, outer)).collect();
+        let around = self.around(self.sensors.first());
+        let list: Vec<Option<Column>> = self.beams.ways.iter().map(|w| self.column(w, &around)).collect();
         let power = |(way, column): (&Way, &Option<Column>)| {
             let light = &self.lights[way.light as usize];
             let LightKind::Beam { radius, .. } = light.kind else { return 0.0 };
@@ -162,7 +162,7 @@ impl Scene {
         self.columns = Columns { list, table };
     }
 
-    fn column(&self, way: &Way, outer: Option<u32>) -> Option<Column> {
+    fn column(&self, way: &Way, around: &Around) -> Option<Column> {
         let LightKind::Beam { position, direction, radius, .. } = self.lights[way.light as usize].kind else {
             return None;
         };
@@ -173,7 +173,7 @@ impl Scene {
             let (sin, cos) = (TAU * k as f64 / PROBES as f64).sin_cos();
             let base = way.base(position + (a * cos + b * sin) * (radius * share), direction);
             let start = base + way.w * (OFF * self.bounds.radius());
-            let medium = self.medium_past(start, way.w, &[], outer);
+            let medium = self.medium_past(start, way.w, &[], around);
             let mut ray = March::new(start, way.w, On::default(), medium);
             for _ in 0..=self.max_interfaces {
                 let hit = ray.meets(self, f64::INFINITY);

@@ -34,7 +34,7 @@ pub mod voxels;
 pub mod xml;
 
 pub use desc::{Env, SceneDesc};
-pub use geometry::{Hit, On};
+pub use geometry::{Around, Hit, On};
 pub use march::March;
 pub use node::Node;
 pub use transform::Mat4;

@@ -6,7 +6,7 @@ use super::sheet::{Grazed, Partials};
 use crate::math::equiangular::EquiAngular;
 use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Rgb};
-use crate::scene::{Hit, March, On, Scene, Settings};
+use crate::scene::{Around, Hit, March, On, Scene, Settings};
 use crate::sensor::Projected;
 use crate::shape::edges::{is_flat, to_border};
 use crate::shape::{Geometry, Shape};
@@ -454,10 +454,10 @@ pub fn before(scene: &Scene, hit: &Hit, w: DVec3) -> DVec3 {
 }
 
 /// The medium on a line along w that grazes at b, n toward the unblocked side. What is grazed may bound a medium itself: from its very edge rounding could lead into it.
-pub fn medium_beside(scene: &Scene, b: DVec3, w: DVec3, n: DVec3, grazed: Grazed, outer: Option<u32>) -> Option<u32> {
+pub fn medium_beside(scene: &Scene, b: DVec3, w: DVec3, n: DVec3, grazed: Grazed, around: &Around) -> Option<u32> {
     let bounds = |id: u32| scene.shapes[id as usize].boundary && scene.surface_of(id).is_transparent();
     let off = if grazed.iter().any(|g| bounds(g.0)) { OFF_THE_EDGE * scene.bounds.radius() } else { 0.0 };
-    scene.medium_past(b + n * off, w, grazed, outer)
+    scene.medium_past(b + n * off, w, grazed, around)
 }
 
 /// Distances that count as contact: an edge that stands on a surface.

@@ -209,7 +209,7 @@ impl Graze {
         let (scene, b, w) = (cx.scene, line.b, line.w);
         let far = ends::past(scene, b, w, line.n, &element.grazed);
         let any = !scene.media.is_empty();
-        let medium = if any { ends::medium_beside(scene, b, w, line.n, &element.grazed, cx.outer) } else { None };
+        let medium = if any { ends::medium_beside(scene, b, w, line.n, &element.grazed, &cx.around) } else { None };
         let way = |w: DVec3, end: &Option<Hit>| {
             if !any {
                 return Some(Way::default());

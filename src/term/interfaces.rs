@@ -82,7 +82,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     touching(scene)?;
     contacts(scene, motion)?;
     rims_of_balls(scene, motion)?;
-    let outer = scene.sensors.first().and_then(|s| scene.outer_medium(s.to_world.translation, s.medium));
+    let outer = scene.around(scene.sensors.first()).outer;
     let endless = outer.filter(|&m| scene.environment.is_some() && scene.media[m as usize].density_grid().is_some());
     if let Some(m) = endless {
         let what = format!(
@@ -238,8 +238,7 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
             );
             return Err(Error::usage(what, "make what it falls on larger; a Gaussian beam has six radii"));
         }
-        let outer = scene.sensors.first().and_then(|s| scene.outer_medium(s.to_world.translation, s.medium));
-        if scene.medium_past(position, direction, &[], outer).is_some() {
+        if scene.medium_past(position, direction, &[], &scene.around(scene.sensors.first())).is_some() {
             let what = format!(
                 "the beam `{}` begins inside a medium, and something moves: this cannot be differentiated yet",
                 l.name

@@ -43,7 +43,7 @@ use crate::math::Rgb;
 use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
 use crate::params::{ParamSet, Partial, Slot};
-use crate::scene::{Scene, Settings};
+use crate::scene::{Around, Scene, Settings};
 use crate::sensor::Sensor;
 use crate::shape::{Geometry, Shape};
 use crate::transport::Tally;
@@ -285,8 +285,8 @@ pub struct Context<'a> {
     pub scene: &'a Scene,
     pub set: &'a Settings,
     pub sensor: &'a Sensor,
-    /// The medium beyond all interfaces.
-    pub outer: Option<u32>,
+    /// What is known of places that no interface tells of.
+    pub around: Around,
     /// Film points this far outside of the film still count, in pixels: the filter's radius.
     pub margin: f64,
     pub moving: &'a Moving,
