@@ -279,6 +279,22 @@ mod tests {
     use crate::scene::desc::SceneDesc;
     use std::path::Path;
 
+    /// What is beyond all borders, told by a camera inside: glass is one too.
+    #[test]
+    fn beyond_a_block_of_glass_is_not_what_is_in_it() {
+        for kind in ["null", "dielectric", "roughdielectric"] {
+            let text = format!(
+                r#"<scene version="3.0.0"><integrator type="volpath"/><medium type="homogeneous" id="water"/>
+  <shape type="cube"><bsdf type="{kind}"/><ref name="interior" id="water"/></shape><emitter type="constant"/>
+  <sensor type="perspective"><ref name="medium" id="water"/><film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/></film></sensor></scene>"#
+            );
+            let desc = SceneDesc::parse(&text, Path::new("block.xml"), &[]).unwrap();
+            let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap();
+            let sensor = scene.sensors.first();
+            assert_eq!((scene.around(sensor).outer, sensor.and_then(|s| s.medium)), (None, Some(0)), "{kind}");
+        }
+    }
+
     /// Which of two lights, on either side of one large pane that turns any way and has water behind it, stand in the water: nothing else bounds that.
     #[test]
     fn lights_in_water_that_ends_nowhere_are_known() {
