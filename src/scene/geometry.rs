@@ -5,12 +5,11 @@
 //! so: a null interface is entered only from its outside medium and left only from its inside one. So
 //! coincident interfaces, cameras on a boundary and fog boxes that touch walls need no offset.
 
-use super::{Instance, March, Scene, effort};
+use super::{Instance, Scene, effort};
 use crate::error::Result;
 use crate::light::Arrival;
-use crate::math::{DVec3, warp};
+use crate::math::DVec3;
 use crate::native::embree::{Bvh, Ray, SceneBuilder, UserPrimitives};
-use crate::sensor::Sensor;
 use crate::shape::bounds::Bounds;
 use crate::shape::edges::with_corners;
 use crate::shape::{Geometry, Shape, Start};
@@ -113,21 +112,6 @@ pub struct Group {
 /// More analytic shapes than this go into Embree.
 const LISTED: usize = 8;
 
-/// What is known of places that no interface tells of: the medium beyond all of them, and the eye of a camera with what it stands in.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Around {
-    pub outer: Option<u32>,
-    eye: Option<(DVec3, Option<u32>)>,
-}
-
-/// Ways that are looked along from one point between walls for an interface that tells the medium, and how many points.
-const WAYS: usize = 8;
-const TURNS: usize = 16;
-/// Where a line without an end is asked from for its medium, in scene radii.
-const ASIDE: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
-/// Multiples of these lie evenly in the unit square, however many: 1/ρ and 1/ρ², ρ³ = ρ + 1.
-const EVENLY: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
-
 /// Faces of analytic shapes for Embree.
 struct Faces(Vec<(Shape, u32)>);
 
@@ -217,7 +201,7 @@ impl Group {
     }
 
     /// Nearest acceptable hit with `t` in `(-tolerance, t_max)`: `t`, shape, face.
-    fn nearest(
+    pub(super) fn nearest(
         &self,
         scene: &Scene,
         o: DVec3,
@@ -314,7 +298,7 @@ const GRAZING: f64 = 1e4;
 
 /// How faces within rounding of the origin are judged.
 #[derive(Clone, Copy)]
-enum Medium {
+pub(super) enum Medium {
     Any,
     Inside(Option<u32>),
 }
@@ -325,7 +309,7 @@ impl Scene {
         64.0 * f64::EPSILON * p.abs().max_element()
     }
 
-    fn hit(&self, t: f64, p: DVec3, shape: u32, face: u32) -> Hit {
+    pub(super) fn hit(&self, t: f64, p: DVec3, shape: u32, face: u32) -> Hit {
         let s = &self.shapes[shape as usize].shape;
         // Put the point on the surface where that is exact.
         let p = match s {
@@ -446,123 +430,6 @@ impl Scene {
                 let ray = Ray { o: o + w * tolerance, d: w, t_max: t_max - tolerance, exclude: None };
                 bvh.occluded_past(&ray, &self.opaque.grazed(past))
             })
-    }
-
-    /// The medium beyond all interfaces, told by one that stands in `medium` at `o`.
-    pub fn outer_medium(&self, o: DVec3, medium: Option<u32>) -> Option<u32> {
-        let w = DVec3::new(0.36, 0.48, 0.8);
-        let mut ray = March::new(o, w, On::default(), medium);
-        for _ in 0..self.max_interfaces {
-            let Some(h) = self.next_border(ray.o, w, f64::INFINITY, &ray.on) else { break };
-            ray.pass(self, &h);
-        }
-        ray.medium
-    }
-
-    /// What this camera tells of places that no interface does; a vacuum without one.
-    pub fn around(&self, sensor: Option<&Sensor>) -> Around {
-        let eye = sensor.map(|s| (s.to_world.translation, s.medium));
-        Around { outer: eye.and_then(|(o, medium)| self.outer_medium(o, medium)), eye }
-    }
-
-    /// The medium at `o` on a line along w that passes what is left out ([`Scene::opaque_past`]): told by the first interface either way along it that nothing opaque stands before; the outermost where
-    /// the line has no end. What is on the other side of a wall tells nothing: between walls other ways are tried from the middle of the longest one so far. Nor does a line without an end where
-    /// borders of media do (a pond that is a rectangle): what stands between it and the camera tells then.
-    pub fn medium_past(&self, o: DVec3, w: DVec3, past: &[(u32, Vec<u32>)], around: &Around) -> Option<u32> {
-        let (mut o, mut past, mut longest, mut escapes) = (o, past, (0.0, o), None);
-        for k in 0..2 + TURNS * WAYS {
-            let d = match k {
-                0 => w,
-                1 => -w,
-                _ => warp::sphere((k as f64 * EVENLY[0]).fract(), (k as f64 * EVENLY[1]).fract()),
-            };
-            match self.told_along(o, d, f64::INFINITY, past) {
-                (Some(medium), _) => return medium,
-                (None, None) if !self.has_open_borders() => return around.outer,
-                (None, None) => escapes = Some(d),
-                (None, Some(h)) if h.t > longest.0 => longest = (h.t, o + d * (0.5 * h.t)),
-                (None, Some(_)) => {}
-            }
-            match escapes {
-                // The other way along the line may still tell.
-                Some(d) if k > 0 => return self.told_by_eye(o, d, around).unwrap_or(around.outer),
-                None if k % WAYS == 1 => (o, past, longest.0) = (longest.1, &[], 0.0),
-                _ => {}
-            }
-        }
-        // Whatever opaque stands before it.
-        self.medium_before(o, w, f64::INFINITY).unwrap_or(around.outer)
-    }
-
-    /// The medium on a line along d from `o` that meets nothing, told by what stands between it and the eye; `None` where that is opaque.
-    fn told_by_eye(&self, o: DVec3, d: DVec3, around: &Around) -> Option<Option<u32>> {
-        let (eye, there) = around.eye?;
-        // Near by first: borders that end somewhere are missed from far away.
-        ASIDE.iter().find_map(|aside| {
-            let p = o + d * (aside * self.bounds.radius());
-            let distance = (eye - p).length();
-            let toward = (eye - p) / distance;
-            let (told, end) = self.told_along(p, toward, distance, &[]);
-            told.or(end.is_none().then_some(there))
-        })
-    }
-
-    /// The medium at `o`, told by the first interface along w that nothing opaque stands before, if there is one up to a limit; and what opaque ends the way.
-    fn told_along(
-        &self,
-        o: DVec3,
-        w: DVec3,
-        limit: f64,
-        past: &[(u32, Vec<u32>)],
-    ) -> (Option<Option<u32>>, Option<Hit>) {
-        let end = self.opaque_past(o, w, limit, past);
-        // The end may be glass, and rounding put it on either side of the limit; not what the point itself lies on.
-        let glass = end.filter(|h| self.parts_media(h.shape) && h.t > 2.0 * self.tolerance(o));
-        let before = self.medium_before(o, w, end.map_or(limit, |h| h.t));
-        (before.or_else(|| glass.map(|h| self.medium_at(&h, w))), end)
-    }
-
-    /// Whether a border of media ends somewhere, so that there is a way around it.
-    fn has_open_borders(&self) -> bool {
-        let is_open = |s: &Instance| s.boundary && !s.shape.is_closed();
-        *self.open_borders.get_or_init(|| self.shapes.iter().any(is_open))
-    }
-
-    /// Whether a shape of some surface has media on both sides that light gets into.
-    fn parts_media(&self, shape: u32) -> bool {
-        let s = &self.shapes[shape as usize];
-        s.boundary && self.surfaces[s.surface as usize].is_transparent()
-    }
-
-    /// The medium before a border of media that is met along w.
-    fn medium_at(&self, h: &Hit, w: DVec3) -> Option<u32> {
-        let shape = &self.shapes[h.shape as usize];
-        if w.dot(h.n) > 0.0 { shape.interior } else { shape.exterior }
-    }
-
-    /// The next interface along w, null or glass, whether it parts media or not.
-    fn next_border(&self, o: DVec3, w: DVec3, limit: f64, on: &On) -> Option<Hit> {
-        let null = self.null.nearest(self, o, w, limit, on, Medium::Any);
-        // Glass parts media, too.
-        let glass = || {
-            let met = self.opaque.nearest(self, o, w, null.map_or(limit, |n| n.0), on, Medium::Any)?;
-            self.parts_media(met.1).then_some(met)
-        };
-        glass().or(null).map(|(t, shape, face)| self.hit(t, o + w * t, shape, face))
-    }
-
-    /// The medium at `o`, told by the first interface along w up to a limit; `None` where there is none.
-    fn medium_before(&self, o: DVec3, w: DVec3, limit: f64) -> Option<Option<u32>> {
-        let (mut o, mut on, mut left) = (o, On::default(), limit);
-        for _ in 0..self.max_interfaces {
-            let h = self.next_border(o, w, left, &on)?;
-            if self.shapes[h.shape as usize].boundary {
-                return Some(self.medium_at(&h, w));
-            }
-            on = on.crossed(&h, w, self.tolerance(h.p));
-            (o, left) = (h.p, left - h.t);
-        }
-        None
     }
 
     /// A way from `p` of this length, short of its end by rounding only: what it ends on is not on it, on whichever side.

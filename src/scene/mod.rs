@@ -1,6 +1,7 @@
 //! Scenes: from a description (XML) to what can be rendered.
 
 pub mod advice;
+mod around;
 pub mod arrays;
 pub mod balls;
 pub mod beams;
@@ -33,8 +34,9 @@ pub mod volumes;
 pub mod voxels;
 pub mod xml;
 
+pub use around::Around;
 pub use desc::{Env, SceneDesc};
-pub use geometry::{Around, Hit, On};
+pub use geometry::{Hit, On};
 pub use march::March;
 pub use node::Node;
 pub use transform::Mat4;

@@ -107,7 +107,7 @@ const FACING: f64 = 0.75;
 
 /// The first vertex.
 #[derive(Clone, Copy, Debug)]
-pub struct From {
+pub struct Origin {
     pub x: DVec3,
     /// The normal there, where it lies on a surface.
     pub plane: Option<DVec3>,
@@ -130,8 +130,8 @@ pub struct Attached {
 
 impl Attached {
     /// For a point z of a face, n its normal. `None` out of reach.
-    pub fn new(shape: &Shape, face: u32, from: From, z: DVec3, n: DVec3) -> Option<Attached> {
-        let From { x, plane, alpha, inner } = from;
+    pub fn new(shape: &Shape, face: u32, from: Origin, z: DVec3, n: DVec3) -> Option<Attached> {
+        let Origin { x, plane, alpha, inner } = from;
         // The radius, and how far x is from the middle.
         let round = match shape {
             Shape::Sphere(s) => Some((s.radius, (x - s.center).length())),
@@ -240,7 +240,7 @@ mod tests {
                         }
                         _ => unreachable!(),
                     };
-                    let from = From { x, plane: None, alpha, inner: f64::INFINITY };
+                    let from = Origin { x, plane: None, alpha, inner: f64::INFINITY };
                     let Some(a) = Attached::new(shape, 0, from, z, n) else { continue };
                     let d = (z - x).length();
                     let (w, c) = ((z - x) / d, n.dot((z - x) / d));

@@ -15,7 +15,7 @@
 //! A second vertex z that keeps to its direction from x ([`super::attach`]) slides over its surface by `χ Q (ẋ - ż_B)`; all later points take that over
 //! around z in the same way, or segments from z to points near by would score like one over their lengths, whose square no flight's density makes integrable.
 
-use super::attach::{Attached, From};
+use super::attach::{Attached, Origin};
 use super::field::{Field, decay};
 use super::motion::Moving;
 use super::piece::{Piece, Stop, onto, outer};
@@ -385,7 +385,7 @@ impl FilmLine<'_> {
             Surface::Rough(rough) => Some(rough.alpha),
             _ => None,
         });
-        let from = From { x, plane, alpha, inner };
+        let from = Origin { x, plane, alpha, inner };
         Attached::new(&self.scene.shapes[shape as usize].shape, face, from, z, n)
     }
 

@@ -172,7 +172,7 @@ fn motion_behind_frosted_glass_against_differences() {
     against_differences(text, &what, &["all"], 1 << 11, 0.02);
 }
 
-/// A ball and a can that move behind frosted glass: their points keep to the directions that the glass sends light in. The comparison is coarse (5 standard errors are half of `x`); noise is what it is about: by their matter it is 1.7 times this.
+/// A ball and a can that move behind frosted glass: their points keep to the directions that the glass sends light in. The comparison is coarse (5 standard errors are half of `x`); noise is what it is about: by their matter it is 0.0052 and 0.0037.
 #[test]
 fn round_things_behind_frosted_glass_against_differences() {
     let text = r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="can" value="1.1"/>
