@@ -163,7 +163,7 @@ mod tests {
         }
     }
 
-    /// Which of two lights, on either side of one large pane that turns any way and has water behind it, stand in the water: nothing else bounds that.
+    /// Which of two lights, on either side of one large pane that turns any way and has water behind it, stand in the water, and which lines through them: nothing else bounds that.
     #[test]
     fn lights_in_water_that_ends_nowhere_are_known() {
         let kinds = ["null", "dielectric", "roughdielectric"].map(|kind| ["x", "y", "z"].map(|axis| (kind, axis)));
@@ -180,6 +180,15 @@ mod tests {
                 );
                 let desc = SceneDesc::parse(&text, Path::new("pane.xml"), &[]).unwrap();
                 let scene = Scene::compile(&desc, &LoadOptions::default()).unwrap();
+                let around = scene.around(scene.sensors.first());
+                for d in (0..16).map(|k| warp::sphere((f64::from(k) + 0.5) / 16.0, (f64::from(k) * EVENLY[0]).fract()))
+                {
+                    let [within, before] = [0, 1].map(|i| {
+                        let p = scene.lights[i].center().unwrap();
+                        scene.medium_past(p, d, &[], &around)
+                    });
+                    assert_eq!([within, before], [Some(0), None], "{kind} {axis} {angle} {d}");
+                }
                 let [within, before] = [0, 1].map(|i| scene.embedded.probability(i));
                 assert!(within == 1.0 && before == 0.0, "{kind} {axis} {angle}: {within} {before}");
             }
