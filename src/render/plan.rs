@@ -141,6 +141,8 @@ pub struct Facts {
     pub dielectric: bool,
     /// All of it is rectangles and disks: a rectangle or a disk.
     pub only_panes: bool,
+    /// All of it has straight borders, and nothing else casts shadows.
+    pub only_straight: bool,
     /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,
     /// A ball of glass or a mirror ball, and something outside of it that scatters.
@@ -356,7 +358,7 @@ impl Plan {
             let light = motion.zero_measure_light || motion.profile;
             // By way of flat faces all light of lights without extent is known, where they are parallel and nothing casts shadows: `term::panes` sees to that.
             let turns = motion.camera || motion.ior || motion.interface;
-            let known = facts.only_panes
+            let known = (facts.only_panes || facts.only_straight)
                 && !(motion.opaque || motion.area_light)
                 && (light || facts.zero_measure_light && turns);
             if known {
@@ -366,6 +368,9 @@ impl Plan {
                     "a light moves that shines by way of flat faces"
                 };
                 all.entry(Term::C).or_insert_with(|| format!("{why} ({name})"));
+                if facts.only_straight {
+                    all.entry(Term::G).or_insert_with(|| format!("{why}, which end ({name})"));
+                }
             }
             for (term, why) in needed(&facts, &motion) {
                 let covered = match term {
@@ -497,6 +502,11 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         only_panes: p.shapes.iter().any(|s| smooth(s.surface))
             && p.shapes.iter().all(|s| !smooth(s.surface) || matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk)),
+        only_straight: p.shapes.iter().any(|s| smooth(s.surface))
+            && solid.iter().all(|s| {
+                let round = matches!(s.kind, ShapeKind::Sphere { .. } | ShapeKind::Disk | ShapeKind::Cylinder { .. });
+                smooth(s.surface) && !round
+            }),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),
         rims: rims(p),

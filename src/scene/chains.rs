@@ -60,6 +60,16 @@ impl Face {
         self.sides.iter().map(|&(a, m)| (p - a).dot(m)).fold(f64::INFINITY, f64::min)
     }
 
+    /// Of a mesh.
+    pub fn is_facet(&self) -> bool {
+        self.is_facet
+    }
+
+    /// Whether light of this origin comes from before it.
+    pub fn is_before(&self, from: Origin<f64>) -> bool {
+        height(from, self.p, self.n) > 0.0
+    }
+
     /// Points that it lies between.
     pub fn corners(&self) -> &[DVec3] {
         &self.corners

@@ -7,6 +7,7 @@
 
 use super::beam_rim::{self, RimRecord};
 use super::sheet::Partials;
+use super::spans::{self, Walked};
 use super::{Context, Motion, Sample};
 use crate::light::LightKind;
 use crate::math::rng::Rng;
@@ -18,12 +19,9 @@ use crate::scene::{On, Scene};
 use crate::shape::Geometry;
 use crate::transport::beam;
 use crate::transport::beam_motion::{distance_forms, slide_forms};
-use crate::transport::chained::Starts;
-use crate::transport::first::{Later, Met, Nth, Opening};
-use crate::transport::record::{Event, MediumSpan, PathRecord};
-use crate::transport::tracking;
+use crate::transport::first::Met;
+use crate::transport::record::MediumSpan;
 use crate::transport::velocity::Velocity;
-use crate::transport::walk::{State, Walker};
 
 /// Ways of all beams that end somewhere.
 pub struct HardBeams {
@@ -58,17 +56,6 @@ struct Crossing<'a> {
 /// How far within the light its value is asked for, in scene radii: on the edge itself rounding would tell which face is met.
 const WITHIN: f64 = 1e-7;
 
-/// Points of a span and the weight of a path there.
-struct Walked<'a> {
-    span: MediumSpan,
-    /// The span whole, up to what ends it.
-    whole: MediumSpan,
-    weight: &'a dyn Fn(f64) -> Rgb,
-    depth: u32,
-    /// How its direction was drawn.
-    reach: Option<(DVec3, f64)>,
-}
-
 impl HardBeams {
     pub fn prepare(scene: &Scene, motion: &Motion) -> Option<HardBeams> {
         if !motion.surfaces() {
@@ -86,46 +73,12 @@ impl HardBeams {
 
     /// All crossings of a camera path with edges.
     pub fn along(&self, cx: &mut Context, film: [f64; 2], rng: Rng, emit: &mut dyn FnMut(&Sample)) {
-        let (o, w) = cx.sensor.ray(film[0], film[1]);
-        let mut path = PathRecord::new();
-        // Long paths would be cut into chunks.
-        path.chunk = usize::MAX;
-        path.begin(None, Opening::default());
         let rim = rng.beside(Rng::next_u64(&mut { rng }));
-        let mut rec = RimRecord::new(path, rim);
-        let mut walker = Walker::new(cx.scene, cx.set, &mut rec);
-        walker.trace(&mut State::new(rng, o, w, cx.sensor.medium));
-        cx.tally = cx.tally.plus(&walker.tally);
+        let mut rec = RimRecord::new(spans::record(), rim);
+        spans::walk(cx, film, rng, &mut rec);
         let RimRecord { path: rec, points, .. } = rec;
-        let mut starts = Starts::default();
-        starts.find_all(cx.scene, cx.moving, &rec, Opening::default());
-        for (k, e) in rec.events.iter().enumerate() {
-            let Some((leg, nth)) = starts.next_at(k) else { continue };
-            let velocity = |span: &MediumSpan, p: DVec3| match nth {
-                Nth::First => leg.line(cx.scene, cx.moving).medium(p, span, Later::Nothing).velocity,
-                nth => cx.moving.vertex(cx.scene, &leg.first, nth, &Met::Medium(p)),
-            };
-            match *e {
-                Event::Ends { span, start, depth, .. } => {
-                    let m = &cx.scene.media[span.medium as usize];
-                    let weight = |t: f64| start * tracking::depth(m, &span.until(t)).map(|d| (-d).exp());
-                    let walked = Walked { span, whole: span, weight: &weight, depth, reach: None };
-                    self.cross(cx, &walked, film, &velocity, emit);
-                }
-                Event::Span { span, prefix: Some(prefix) } => {
-                    let m = &cx.scene.media[span.medium as usize];
-                    let weight = |t: f64| tracking::walked_weight(m, &span, t, prefix.beta, prefix.r);
-                    // A flight behind an interface knows what would have ended it.
-                    let whole = match rec.events.get(k + 1) {
-                        Some(Event::Scatter { span: Some(whole), .. }) => *whole,
-                        _ => span,
-                    };
-                    let walked = Walked { span, whole, weight: &weight, depth: prefix.depth, reach: prefix.reach };
-                    self.cross(cx, &walked, film, &velocity, emit);
-                }
-                _ => {}
-            }
-        }
+        let starts = spans::starts(cx, &rec);
+        spans::each(cx, &rec, &starts, &mut |walked, velocity| self.cross(cx, walked, film, velocity, emit));
         for point in &points {
             let Some((leg, nth)) = starts.next_past(point.vertex) else { continue };
             let start = cx.moving.vertex(cx.scene, &leg.first, nth, &Met::Medium(point.p));

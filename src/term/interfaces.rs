@@ -4,7 +4,7 @@
 //! the interface itself, and opaque balls, are [`super::virtual_edge`]'s. What is left are outlines of other curved things by way of an interface, and shadows of lights without extent that are cast through it ([`panes`] says where there are none). A smooth
 //! silhouette of glass is no jump: at grazing all light is mirrored, straight on.
 
-use super::{Motion, ends, panes};
+use super::{Motion, cast, ends, panes};
 use crate::error::{Error, Result};
 use crate::light::LightKind;
 use crate::scene::beams::is_flat;
@@ -25,10 +25,11 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     let smooth = |s: &&Instance| scene.surfaces[s.surface as usize].is_smooth();
     let Some(interface) = scene.shapes.iter().find(smooth) else { return Ok(()) };
     let name = &interface.name;
-    // Beams find their way, and others by way of flat faces that are parallel.
+    // Beams find their way, and others by way of flat faces.
+    let lit = panes::are_known(scene, motion) || cast::are_known(scene, motion);
     let others = scene.lights.iter().zip(&motion.lights).filter(|(l, _)| !matches!(l.kind, LightKind::Beam { .. }));
     let moves = others.into_iter().any(|(_, m)| m.position || m.direction || m.angles);
-    if moves && !panes::are_known(scene, motion) {
+    if moves && !lit {
         let what = format!(
             "`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet"
         );
@@ -91,7 +92,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         );
         return Err(Error::usage(what, "bound the medium by a shape with a null bsdf"));
     }
-    if let Some(l) = scene.lights.iter().find(|l| l.is_delta()).filter(|_| !panes::are_known(scene, motion)) {
+    if let Some(l) = scene.lights.iter().find(|l| l.is_delta()).filter(|_| !lit) {
         let what = format!(
             "`{name}` mirrors or refracts, and something moves: the shadows of the light `{}` at it cannot be differentiated yet",
             l.name

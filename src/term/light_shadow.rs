@@ -5,11 +5,12 @@
 //! sheet adds is `-v_n` times the light's irradiance times what its points scatter into the picture: [T] (35) where a camera ray
 //! crosses it, [T] (36) from the outline outward, through any number of scatterings, receivers included.
 
+use super::cast::Casts;
 use super::ends::{self, Point, Watch};
 use super::outline::Outlines;
 use super::sheet::{Grazed, Partials, Ray, Reach};
 use super::sheet_samples::{self, Found};
-use super::{Context, Motion, Room, Sample};
+use super::{Context, Motion, Room, Sample, panes};
 use crate::math::discrete::Discrete;
 use crate::math::guide::{DIMENSIONS, Numbers};
 use crate::math::rng::Rng;
@@ -23,6 +24,8 @@ pub struct LightShadow {
     lights: Vec<Shadow>,
     table: Discrete,
     reach: Reach,
+    /// Beside glass and mirrors: by their borders, and no other ([`super::interfaces`]).
+    casts: Option<Casts>,
 }
 
 /// The shadows of one light.
@@ -36,14 +39,12 @@ struct Shadow {
 
 impl LightShadow {
     /// Silhouettes from every light whose shadows may move over something; `None` if there are none.
-    pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<LightShadow> {
-        // Beside glass and mirrors nothing may cast one ([`super::panes`], [`super::interfaces`]).
-        if scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth()) {
-            return None;
-        }
+    pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64) -> Option<LightShadow> {
+        let smooth = scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
+        let casts = (smooth && !panes::are_clear(scene, sensor, margin, motion)).then(|| Casts::prepare(scene, motion));
         let mut lights = Vec::new();
         for (i, (l, m)) in scene.lights.iter().zip(&motion.lights).enumerate() {
-            if !l.is_delta() {
+            if !l.is_delta() || smooth {
                 continue;
             }
             let slot = match l.center() {
@@ -59,7 +60,9 @@ impl LightShadow {
         }
         let power = |s: &Shadow| scene.lights[s.outlines.light() as usize].value.max().max(f64::MIN_POSITIVE);
         let table = Discrete::new(lights.iter().map(power));
-        (!lights.is_empty()).then(|| LightShadow { lights, table, reach: Reach::new(scene, sensor) })
+        let casts = casts.flatten();
+        let any = !lights.is_empty() || casts.is_some();
+        any.then(|| LightShadow { lights, table, reach: Reach::new(scene, sensor), casts })
     }
 }
 
@@ -85,7 +88,10 @@ impl Room for LightShadow {
         NAME
     }
 
-    fn along(&self, cx: &mut Context, film: [f64; 2], _: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+    fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        if let Some(casts) = &self.casts {
+            return casts.along(cx, film, *rng, emit);
+        }
         sheet_samples::along(cx, film, |cx, spans, span| {
             for (i, s) in self.lights.iter().enumerate() {
                 s.outlines.crossings(span.o, span.w, 0.0, span.t1, |c| {
@@ -99,11 +105,18 @@ impl Room for LightShadow {
         });
     }
 
+    fn has_outward(&self) -> bool {
+        !self.lights.is_empty()
+    }
+
     fn guided_numbers(&self) -> usize {
-        DIMENSIONS
+        if self.lights.is_empty() { 0 } else { DIMENSIONS }
     }
 
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        if self.lights.is_empty() {
+            return;
+        }
         let (k, probability, u) = self.table.sample(lead[0]);
         let shadow = &self.lights[k];
         let Some((ray, grazed, _)) = shadow.outlines.sample(u) else { return };

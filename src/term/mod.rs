@@ -7,6 +7,7 @@
 
 pub mod arcs;
 pub mod beam_rim;
+pub mod cast;
 pub mod contact;
 pub mod crossings;
 pub mod cuts;
@@ -34,6 +35,7 @@ pub mod seen_path;
 pub mod sheet;
 pub mod sheet_samples;
 mod shown;
+pub mod spans;
 pub mod surface_edge;
 pub mod virtual_edge;
 pub mod wedge;
@@ -356,7 +358,7 @@ pub fn rooms(
 ) -> Vec<Box<dyn Room>> {
     let mut v: Vec<Box<dyn Room>> = Vec::new();
     if wanted(light_shadow::NAME) {
-        v.extend(light_shadow::LightShadow::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));
+        v.extend(light_shadow::LightShadow::prepare(scene, sensor, motion, margin).map(|r| Box::new(r) as Box<dyn Room>));
     }
     if wanted(hard_profile::NAME) {
         v.extend(hard_profile::HardProfile::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));

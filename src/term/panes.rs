@@ -12,7 +12,7 @@
 //! that has gone so far is less than e^-40 of what it was. No other medium may touch the light: beside it connections by way of the face would need [`crate::transport::beside`].
 //! Turning a spot, or opening it, moves no shadow: it asks for nothing of this.
 
-use super::{LightMotion, Motion, ends};
+use super::{LightMotion, Motion, cast, ends};
 use crate::error::{Error, Result, Span};
 use crate::light::{Light, LightKind, Origin};
 use crate::math::fold::Fold;
@@ -33,16 +33,26 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
     scene.has_parallel_panes() && !(0..scene.shapes.len() as u32).any(moves)
 }
 
+/// Whether nothing casts a shadow of them.
+pub fn are_clear(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> bool {
+    scene.has_parallel_panes() && examine(scene, sensor, margin, motion, false).is_ok()
+}
+
 pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Result<()> {
+    examine(scene, sensor, margin, motion, cast::are_known(scene, motion))
+}
+
+/// `cast`: such shadows are known.
+fn examine(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion, cast: bool) -> Result<()> {
     let Some(pane) = scene.panes.first() else { return Ok(()) };
     let face = &scene.shapes[pane.shape as usize];
     let refuse = |what: String, remedy: &str| Err(Error::scene(&face.span, what, remedy));
     // Vertices that ride on camera rays, and a face that moves or refracts otherwise, carry the light of all lights past the same borders.
     let moves = motion.surfaces();
-    let carried = moves && are_known(scene, motion);
+    let carried = moves && (cast || are_known(scene, motion));
     let lit = |(l, m): (&Light, &LightMotion)| l.is_delta() && (moves || m.position || m.direction);
     let aslant = scene.has_only_panes() && !scene.has_parallel_panes();
-    if aslant && scene.lights.iter().zip(&motion.lights).any(lit) {
+    if aslant && !cast && scene.lights.iter().zip(&motion.lights).any(lit) {
         let name = |p: &Pane| &scene.shapes[p.shape as usize].name;
         let other = scene.panes.last().map_or(&face.name, name);
         let what = format!(
@@ -73,6 +83,9 @@ pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Re
                 light.name, face.name
             );
             return refuse(what, "keep it out of the medium: in the air over the water, as it were");
+        }
+        if cast {
+            continue;
         }
         if region.is_none() {
             region = Some(places(scene, sensor, margin, pane)?);

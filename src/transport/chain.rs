@@ -14,7 +14,7 @@ use crate::math::fresnel::Interface;
 use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, Dual, Rgb, V3, warp};
 use crate::scene::beams::{Step, Way};
-use crate::scene::chains::{Chain, Link, MOST};
+use crate::scene::chains::{Link, MOST};
 use crate::scene::{Scene, effort};
 use smallvec::SmallVec;
 
@@ -50,7 +50,10 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         }
         let light = &scene.lights[chain.light as usize];
         let Some(from) = light.origin() else { continue };
-        let Some((mut way, points)) = way(scene, chain, from, s.o, &mut w.tally.unsettled) else { continue };
+        let Some((mut way, points)) = way(scene, (chain.light, &chain.links), from, s.o, &mut w.tally.unsettled)
+        else {
+            continue;
+        };
         way.gain *= 1.0 / chain.asked;
         let Some(&first) = points.last() else { continue };
         let Some(emission) = light.emission_toward(first) else { continue };
@@ -58,46 +61,42 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     }
 }
 
-/// The way to x, and its points from the last one to the first; `None` where it misses a face. Searches that do not settle are counted.
-fn way(
-    scene: &Scene,
-    chain: &Chain,
-    from: Origin<f64>,
-    x: DVec3,
-    unsettled: &mut u64,
-) -> Option<(Way, SmallVec<[DVec3; MOST]>)> {
-    let folds: SmallVec<[Fold; MOST]> = chain.links.iter().map(|l| scene.chains.fold(scene, l)).collect();
-    let arrives = match from {
+/// The direction in which light by the planes of some links arrives at x. `hulls`: only if it meets each within its face.
+pub fn arrival(scene: &Scene, links: &[Link], from: Origin<f64>, x: DVec3, hulls: bool) -> fermat::Way<DVec3> {
+    let folds = links.iter().map(|l| scene.chains.fold(scene, l));
+    match from {
         Origin::Position(q) => {
             effort::note(2);
             let hull = |l: &Link| scene.chains.faces[l.face as usize].corners().into();
-            let each = folds.iter().copied().zip(chain.links.iter().map(hull));
-            let (image, unfolded) = fold::unfold(q.value(), each);
-            let hulls: SmallVec<[&[DVec3]; MOST]> = unfolded.iter().map(|u| &u.1[..]).collect();
+            let (image, unfolded) = fold::unfold(q.value(), folds.zip(links.iter().map(hull)));
+            let list: SmallVec<[&[DVec3]; MOST]> = unfolded.iter().map(|u| &u.1[..]).collect();
             let planes = Planes::new(unfolded.iter().map(|u| u.0), Onward::Both);
-            match planes.arrival(&Eye::Point(image), image, x, &hulls) {
-                fermat::Way::Found(w) => w,
-                fermat::Way::None => return None,
-                fermat::Way::Lost => {
-                    *unsettled += 1;
-                    return None;
-                }
-            }
+            planes.arrival(&Eye::Point(image), image, x, if hulls { &list } else { &[] })
         }
-        Origin::Infinity(v) => folds.iter().try_fold(v.value(), |w, f| f.behind(w))?,
-    };
-    // Back from x.
-    let (mut p, mut w) = (x, arrives);
+        Origin::Infinity(v) => {
+            folds.into_iter().try_fold(v.value(), |w, f| f.behind(w)).map_or(fermat::Way::None, fermat::Way::Found)
+        }
+    }
+}
+
+/// The steps of light that arrives at x along w by the planes of some links, in its order; its points on them, the last one first; and the direction in which it starts. `None` where it misses a plane, or a face that it has to meet `within`.
+pub fn steps(
+    scene: &Scene,
+    links: &[Link],
+    (x, w): (DVec3, DVec3),
+    within: bool,
+) -> Option<(Vec<Step>, SmallVec<[DVec3; MOST]>, DVec3)> {
+    let (mut p, mut w) = (x, w);
     let mut points: SmallVec<[DVec3; MOST]> = SmallVec::new();
-    let mut steps = Vec::with_capacity(folds.len());
-    for (link, f) in chain.links.iter().zip(&folds).rev() {
-        let face = &scene.chains.faces[link.face as usize];
+    let mut steps = Vec::with_capacity(links.len());
+    for link in links.iter().rev() {
+        let (face, f) = (&scene.chains.faces[link.face as usize], scene.chains.fold(scene, link));
         let t = (p - f.p).dot(f.n) / w.dot(f.n);
         p -= w * t;
-        if t.is_nan() || t <= 0.0 || !face.holds(p) {
+        if t.is_nan() || t <= 0.0 || within && !face.holds(p) {
             return None;
         }
-        let back = Fold { index: [f.index[1], f.index[0]], ..*f };
+        let back = Fold { index: [f.index[1], f.index[0]], ..f };
         let before = -back.behind(-w)?;
         if (before.dot(f.n) < 0.0) != link.front {
             return None;
@@ -107,21 +106,43 @@ fn way(
         w = before;
     }
     steps.reverse();
-    // Where the solution is one, the line ends at the light.
-    if let Origin::Position(q) = from {
-        let off = p - q.value();
-        if (off - w * off.dot(w)).length() > MISS * ((x - p).length() + off.length()) {
+    Some((steps, points, w))
+}
+
+/// The way of a light to x by some faces, and its points from the last one to the first; `None` where it misses a face. Searches that do not settle are counted.
+pub fn way(
+    scene: &Scene,
+    (light, links): (u32, &[Link]),
+    from: Origin<f64>,
+    x: DVec3,
+    unsettled: &mut u64,
+) -> Option<(Way, SmallVec<[DVec3; MOST]>)> {
+    let arrives = match arrival(scene, links, from, x, true) {
+        fermat::Way::Found(w) => w,
+        fermat::Way::None => return None,
+        fermat::Way::Lost => {
             *unsettled += 1;
             return None;
         }
-        if off.dot(w) <= 0.0 {
+    };
+    let (steps, points, before) = steps(scene, links, (x, arrives), true)?;
+    // Where the solution is one, the line ends at the light.
+    if let Origin::Position(q) = from {
+        let p = points.last().copied().unwrap_or(x);
+        let off = p - q.value();
+        if (off - before * off.dot(before)).length() > MISS * ((x - p).length() + off.length()) {
+            *unsettled += 1;
+            return None;
+        }
+        if off.dot(before) <= 0.0 {
             return None;
         }
     }
-    let gain = spread(&folds, from, w, x)?;
+    let folds: SmallVec<[Fold; MOST]> = links.iter().map(|l| scene.chains.fold(scene, l)).collect();
+    let gain = spread(&folds, from, before, x)?;
     let shares = steps.iter().fold(Rgb::ONE, |g, s| g * pane::share(scene, s));
     let gain = shares * gain;
-    let way = Way { light: chain.light, steps, w: arrives, gain };
+    let way = Way { light, steps, w: arrives, gain };
     (!gain.is_zero() && gain.is_finite()).then_some((way, points))
 }
 

@@ -15,7 +15,7 @@
 use super::aim::{self, Line, Turn};
 use super::first::FilmLine;
 use super::flat_way::{Face, Faces, FlatWay, Matter};
-use super::motion::Chained;
+use super::motion::{Chained, Moving};
 use super::piece::{Piece, Stop};
 use super::ray::MovingRay;
 use super::specular;
@@ -44,8 +44,14 @@ enum Group {
     Face(usize),
 }
 
-/// Steps of a way from a light of this origin to x.
-fn way(scene: &Scene, steps: &[Step], points: [DVec3; 2], from: Origin<f64>, group: Group) -> Option<FlatWay<D>> {
+/// Steps of a way from a light of this origin to x, one of which may be a plane that does nothing.
+fn way(
+    scene: &Scene,
+    (steps, idle): (&[Step], Option<usize>),
+    points: [DVec3; 2],
+    from: Origin<f64>,
+    group: Group,
+) -> Option<FlatWay<D>> {
     let ends = group == Group::Ends;
     let at = |v: DVec3, first: usize| if ends { V3::variable(v, first) } else { V3::constant(v) };
     let face = |(i, s): (usize, &Step)| {
@@ -53,6 +59,7 @@ fn way(scene: &Scene, steps: &[Step], points: [DVec3; 2], from: Origin<f64>, gro
         let at = |v: DVec3, first: usize| if own { V3::variable(v, first) } else { V3::constant(v) };
         let index = |v: f64, k: usize| if own { D::variable(v, INDICES + k) } else { D::constant(v) };
         let matter = match scene.surface_of(s.shape) {
+            _ if idle == Some(i) => Matter::Dielectric([D::constant(1.0); 2]),
             Surface::Dielectric { interior, exterior, .. } => {
                 let sides = [index(*interior, 0), index(*exterior, 1)];
                 Matter::Dielectric(if s.before.dot(s.n) < 0.0 { [sides[1], sides[0]] } else { sides })
@@ -109,7 +116,7 @@ pub fn partials(scene: &Scene, params: &ParamSet, (aim, steps): (&WayAim, &[Step
         LightKind::Directional { .. } => light.place.direction,
         _ => return,
     };
-    let Some(w) = light.origin().and_then(|from| way(scene, steps, [aim.first, aim.x], from, Group::Ends)) else {
+    let Some(w) = light.origin().and_then(|from| way(scene, (steps, None), [aim.first, aim.x], from, Group::Ends)) else {
         return;
     };
     let (Some(before), Some(behind)) = (w.w.first(), w.w.last()) else { return };
@@ -158,6 +165,86 @@ struct Part {
     way: FlatWay<D>,
 }
 
+type Parts = SmallVec<[Part; 4]>;
+
+/// All that moves or changes of a way; its ends first.
+fn parts(
+    scene: &Scene,
+    moving: &Moving,
+    from: Origin<f64>,
+    (steps, idle): (&[Step], Option<usize>),
+    [first, x]: [DVec3; 2],
+) -> Option<Parts> {
+    let by = |group| way(scene, (steps, idle), [first, x], from, group);
+    let here = SmallVec::from_iter([Velocity::of(Source::Here, x)]);
+    let mut parts = SmallVec::from_iter([Part { vectors: here, indices: [None; 2], way: by(Group::Ends)? }]);
+    for (i, s) in steps.iter().enumerate().filter(|(i, _)| idle != Some(*i)) {
+        let matter = Source::Shape { shape: s.shape, face: s.face };
+        let own = moving.moves(s.shape).then(|| [Velocity::of(matter, s.p), Velocity::of_normal(matter, s.p, s.n)]);
+        let indices = match *scene.surface_of(s.shape) {
+            Surface::Dielectric { slot, .. } => [slot, slot + 1].map(|s| Some(s).filter(|s| moving.is_index(*s))),
+            _ => [None; 2],
+        };
+        if own.is_some() || indices.iter().any(Option::is_some) {
+            let vectors = own.into_iter().flatten().collect();
+            parts.push(Part { vectors, indices, way: by(Group::Face(i))? });
+        }
+    }
+    Some(parts)
+}
+
+/// How a vector of the way moves.
+fn velocity(parts: &[Part], of: impl Fn(&FlatWay<D>) -> V3<D>) -> Velocity {
+    let mut sum = Velocity::default();
+    for part in parts {
+        let v = of(&part.way);
+        for (j, own) in part.vectors.iter().enumerate() {
+            let [x, y, z] = columns(v, 3 * j);
+            sum.add(&DMat3::from_cols(x, y, z), own);
+        }
+        let changed = part.indices.iter().enumerate().filter_map(|(k, s)| Some((s.as_ref()?, k)));
+        changed.for_each(|(s, k)| sum.add_value(*s, column(&v, INDICES + k)));
+    }
+    sum
+}
+
+/// How the point where a way meets one of its planes moves.
+pub struct Slide {
+    parts: Parts,
+    plane: usize,
+}
+
+impl Slide {
+    /// On plane number `plane` of those that light meets in turn, beginning at `first`, on its way to x; `idle`: that one is no face, does nothing and stays.
+    pub fn new(
+        scene: &Scene,
+        moving: &Moving,
+        from: Origin<f64>,
+        (steps, idle): (&[Step], Option<usize>),
+        [first, x]: [DVec3; 2],
+        plane: usize,
+    ) -> Option<Slide> {
+        Some(Slide { parts: parts(scene, moving, from, (steps, idle), [first, x])?, plane })
+    }
+
+    fn at(&self) -> V3<D> {
+        self.parts[0].way.at[self.plane]
+    }
+
+    /// Derivatives of `<m, x_k>` by the end of the way, and by the light's position, or its direction at infinity.
+    pub fn by_ends(&self, m: DVec3) -> [DVec3; 2] {
+        [0, LIGHT].map(|first| DVec3::from_array(columns(self.at(), first).map(|v| m.dot(v))))
+    }
+
+    /// How it moves with the faces, their indices and the end, which moves with `start`.
+    pub fn velocity(&self, start: &Velocity) -> Velocity {
+        let [x, y, z] = columns(self.at(), 0);
+        let mut sum = velocity(&self.parts[1..], |w| w.at[self.plane]);
+        sum.add(&DMat3::from_cols(x, y, z), start);
+        sum
+    }
+}
+
 /// A connection by faces that move, or from a vertex that does, to a light that stays.
 pub struct WayConnection<'a> {
     scene: &'a Scene,
@@ -165,7 +252,7 @@ pub struct WayConnection<'a> {
     steps: &'a [Step],
     x: DVec3,
     value: Rgb,
-    parts: SmallVec<[Part; 4]>,
+    parts: Parts,
 }
 
 impl<'a> WayConnection<'a> {
@@ -180,24 +267,7 @@ impl<'a> WayConnection<'a> {
         let scene = cx.scene;
         let light = &scene.lights[light as usize];
         let from = light.origin()?;
-        let by = |group| way(scene, steps, [first, x], from, group);
-        let here = SmallVec::from_iter([Velocity::of(Source::Here, x)]);
-        let mut parts = SmallVec::from_iter([Part { vectors: here, indices: [None; 2], way: by(Group::Ends)? }]);
-        for (i, s) in steps.iter().enumerate() {
-            let matter = Source::Shape { shape: s.shape, face: s.face };
-            let own =
-                cx.moving.moves(s.shape).then(|| [Velocity::of(matter, s.p), Velocity::of_normal(matter, s.p, s.n)]);
-            let indices = match *scene.surface_of(s.shape) {
-                Surface::Dielectric { slot, .. } => {
-                    [slot, slot + 1].map(|s| Some(s).filter(|s| cx.moving.is_index(*s)))
-                }
-                _ => [None; 2],
-            };
-            if own.is_some() || indices.iter().any(Option::is_some) {
-                let vectors = own.into_iter().flatten().collect();
-                parts.push(Part { vectors, indices, way: by(Group::Face(i))? });
-            }
-        }
+        let parts = parts(scene, cx.moving, from, (steps, None), [first, x])?;
         Some(WayConnection { scene, light, steps, x, value, parts })
     }
 
@@ -210,19 +280,8 @@ impl<'a> WayConnection<'a> {
         -self.way().w[self.steps.len()].value()
     }
 
-    /// How a vector of the way moves.
     fn velocity(&self, of: impl Fn(&FlatWay<D>) -> V3<D>) -> Velocity {
-        let mut sum = Velocity::default();
-        for part in &self.parts {
-            let v = of(&part.way);
-            for (j, own) in part.vectors.iter().enumerate() {
-                let [x, y, z] = columns(v, 3 * j);
-                sum.add(&DMat3::from_cols(x, y, z), own);
-            }
-            let changed = part.indices.iter().enumerate().filter_map(|(k, s)| Some((s.as_ref()?, k)));
-            changed.for_each(|(s, k)| sum.add_value(*s, column(&v, INDICES + k)));
-        }
-        sum
+        velocity(&self.parts, of)
     }
 
     /// Hands out its partials; what it asks of ẋ is added to `at`. `turning`: on how the direction in which it leaves turns.
