@@ -60,6 +60,11 @@ impl Face {
         self.sides.iter().map(|&(a, m)| (p - a).dot(m)).fold(f64::INFINITY, f64::min)
     }
 
+    /// Distances into it from its sides; below 0 outside.
+    pub fn depths(&self, p: DVec3) -> impl Iterator<Item = f64> + '_ {
+        self.sides.iter().map(move |&(a, m)| (p - a).dot(m))
+    }
+
     /// Of a mesh.
     pub fn is_facet(&self) -> bool {
         self.is_facet

@@ -24,23 +24,26 @@ use crate::math::{DVec3, Rgb};
 use crate::params::{Partial, Slot};
 use crate::phase::one_minus_cos;
 use crate::scene::beams::Step;
-use crate::scene::chains::{Link, MOST, has_flat_faces};
-use crate::scene::{Instance, On, Scene};
-use crate::shape::edges::border;
+use crate::scene::chains::{Face, Link, MOST, has_flat_faces};
+use crate::scene::{Instance, On, Scene, effort};
+use crate::shape::edges::{border, sides};
 use crate::shape::{Geometry, Shape, TriangleMesh};
+use crate::transport::record::MediumSpan;
 use crate::transport::way_motion::Slide;
 use crate::transport::{beam, chain};
 use rayon::prelude::*;
 use smallvec::SmallVec;
 
-/// Rays that are known of a sheet, over one.
+/// Pieces of a border between whose ends rays are interpolated.
 const PIECES: usize = 16;
-/// Sheets that a span is compared with at most; of more some are drawn.
-const ASKED: usize = 4096;
+/// By how much of a piece what margins leave is widened at either side.
+const WIDER: f64 = 0.2;
 /// How far from the border on either side light is asked for, in scene radii: on it rounding would tell which face is met.
 const ASIDE: f64 = 1e-7;
 /// Steps that find where rays of a sheet end, or meet a span: halvings at worst.
 const STEPS: usize = 60;
+/// Steps along a border, over its length, that are none.
+const SETTLED: f64 = 1e-13;
 /// Distances ahead, in scene radii, that may be none: light passes two faces at the edge that they share.
 const NONE: f64 = 1e-9;
 
@@ -48,14 +51,26 @@ const NONE: f64 = 1e-9;
 struct Sheet {
     light: u32,
     links: SmallVec<[Link; MOST]>,
+    /// How often it is looked at.
+    asked: f64,
     /// The number of the border's face among the links, or of the link before which one stands that does nothing.
     at: usize,
     between: bool,
-    /// The border, and the face whose matter it goes with.
-    ends: [DVec3; 2],
-    own: (u32, u32),
+    border: Border,
+    /// Bodies that its rays are in, a bit each.
+    within: u64,
     /// Rays over stretches of the border, at its places in order.
     pieces: Vec<Vec<(f64, Ray)>>,
+}
+
+/// An edge of one face or two of a shape.
+#[derive(Clone, Debug)]
+struct Border {
+    ends: [DVec3; 2],
+    /// The face whose matter it goes with.
+    own: (u32, u32),
+    /// Directions into its faces.
+    into: SmallVec<[DVec3; 2]>,
 }
 
 /// Of a sheet: unit direction.
@@ -79,7 +94,9 @@ impl Ray {
 }
 
 pub struct Casts {
+    /// Those that are asked for more often first.
     sheets: Vec<Sheet>,
+    bodies: Bodies,
     /// Of each light the slot of its position or direction, where that moves.
     slots: Vec<Option<Slot>>,
 }
@@ -129,10 +146,12 @@ impl Casts {
         let slots: Vec<Option<Slot>> = scene.lights.iter().zip(&motion.lights).map(slot).collect();
         let moves = |id: usize| motion.surfaces() || slots[id].is_some();
         let lights = scene.lights.iter().enumerate().filter(|(id, l)| l.is_delta() && moves(*id));
-        let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, id as u32)).collect();
+        let bodies = Bodies::new(scene);
+        let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, &bodies, id as u32)).collect();
         sheets.par_iter_mut().for_each(|s| s.trace(scene));
         sheets.retain(|s| !s.pieces.is_empty());
-        (!sheets.is_empty()).then_some(Casts { sheets, slots })
+        sheets.sort_by(|a, b| b.asked.total_cmp(&a.asked));
+        (!sheets.is_empty()).then_some(Casts { sheets, bodies, slots })
     }
 
     /// All crossings of a camera path with sheets.
@@ -142,10 +161,17 @@ impl Casts {
         spans::walk(cx, film, rng, &mut rec);
         let starts = spans::starts(cx, &rec.0);
         spans::each(cx, &rec.0, &starts, &mut |walked, moves| {
-            let every = self.sheets.len().div_ceil(ASKED);
-            let first = if every > 1 { (chosen.uniform() * every as f64) as usize } else { 0 };
-            for sheet in self.sheets.iter().skip(first).step_by(every) {
-                self.cross(cx, sheet, every as f64, walked, film, moves, emit);
+            let within = self.bodies.around(&walked.span);
+            // One of 1/asked each.
+            let mut next = chosen.uniform();
+            for sheet in &self.sheets {
+                next += sheet.asked;
+                if next >= 1.0 {
+                    next -= 1.0;
+                    if sheet.within == within {
+                        self.cross(cx, sheet, walked, film, moves, emit);
+                    }
+                }
             }
         });
     }
@@ -154,7 +180,6 @@ impl Casts {
         &self,
         cx: &Context,
         sheet: &Sheet,
-        counts: f64,
         walked: &Walked,
         film: [f64; 2],
         moves: Moves,
@@ -165,25 +190,30 @@ impl Casts {
         if order < cx.set.min_order || order >= cx.set.max_depth {
             return;
         }
+        effort::note(1);
         for (s, t) in sheet.crossings(scene, span.o, span.w, [span.t0, span.t1]) {
+            effort::note(4);
             let p = span.o + span.w * t;
-            let Some(Met { slide, m, w }) = sheet.met(cx, s, p) else { continue };
+            let Some(met) = sheet.met(scene, s) else { continue };
+            let (m, steps) = (met.m, (&met.steps[..], met.idle));
+            let Some(slide) = met.from.and_then(|from| Slide::new(scene, from, steps, [met.first, p], sheet.at)) else {
+                continue;
+            };
             let [by_end, by_light] = slide.by_ends(m);
             let slope = by_end.dot(span.w);
             let off = by_end * (ASIDE * scene.bounds.radius() / by_end.length_squared());
             let sides = [p + off, p - off].map(|y| sheet.arrives(scene, y, span.medium));
             let medium = &scene.media[span.medium as usize];
-            let f = counts * medium.phase.eval(one_minus_cos(span.w, -w)) / slope.abs();
-            let jump = sides[0] - sides[1];
-            let flux = (walked.weight)(t) * medium.coefficients(p).1 * jump * f;
+            let f = medium.phase.eval(one_minus_cos(span.w, -met.w)) / (sheet.asked * slope.abs());
+            let flux = (walked.weight)(t) * medium.coefficients(p).1 * (sides[0] - sides[1]) * f;
             if flux.is_zero() || !flux.is_finite() {
                 continue;
             }
             let mut partials = Partials::default();
             if cx.moving.any() {
-                let velocity = slide.velocity(&moves(&walked.whole, p));
+                let Some(velocity) = slide.velocity(cx.moving, &moves(&walked.whole, p)) else { continue };
                 velocity.forms(scene, cx.sensor, m, |q| partials.push(q));
-                let (shape, face) = sheet.own;
+                let (shape, face) = sheet.border.own;
                 scene.matter(shape, face).forms(sheet.point(s), -m, |q| partials.push(q));
             }
             if let Some(slot) = self.slots[sheet.light as usize] {
@@ -194,60 +224,114 @@ impl Casts {
     }
 }
 
-/// A crossing of a sheet.
+/// The way that goes by a border.
 struct Met {
-    slide: Slide,
+    from: Option<Origin<f64>>,
+    /// One of them may be no face.
+    steps: SmallVec<[Step; MOST]>,
+    idle: Option<usize>,
+    /// Where light meets the first of them.
+    first: DVec3,
     /// Across the border.
     m: DVec3,
-    /// Direction of the light there.
+    /// Direction of the light behind all.
     w: DVec3,
 }
 
+/// Convex bodies of glass, as planes: points and normals to the outside.
+struct Bodies(Vec<(u32, Vec<[DVec3; 2]>)>);
+
+impl Bodies {
+    /// The first 64: of others nothing is told.
+    fn new(scene: &Scene) -> Bodies {
+        let closed = (0..).zip(&scene.shapes).filter(|(id, s)| scene.surface_of(*id).is_smooth() && s.shape.is_closed());
+        let planes = |id: u32, s: &Instance| {
+            let c = s.shape.bounds().center();
+            let faces = scene.chains.faces.iter().filter(|f| f.shape == id);
+            faces.map(|f| [f.p, if f.n.dot(f.p - c) < 0.0 { -f.n } else { f.n }]).collect()
+        };
+        Bodies(closed.take(64).map(|(id, s)| (id, planes(id, s))).collect())
+    }
+
+    /// Those that hold a point.
+    fn holding(&self, p: DVec3) -> u64 {
+        let holds = |planes: &[[DVec3; 2]]| planes.iter().all(|[o, n]| n.dot(p - *o) < 0.0);
+        self.0.iter().enumerate().filter(|(_, b)| holds(&b.1)).fold(0, |set, (k, _)| set | 1 << k)
+    }
+
+    /// Those that a span lies in: it ends at what is smooth.
+    fn around(&self, span: &MediumSpan) -> u64 {
+        let t = if span.t1.is_finite() { 0.5 * (span.t0 + span.t1) } else { f64::MAX.sqrt() };
+        self.holding(span.o + span.w * t)
+    }
+
+    /// Whether light that comes from within the bodies `holding` may meet a face: of others only from outside.
+    fn are_met(&self, f: &Face, from: Origin<f64>, holding: u64) -> bool {
+        let Some(k) = self.0.iter().position(|b| b.0 == f.shape).filter(|k| holding >> k & 1 == 0) else { return true };
+        let inner = self.0[k].1.iter().map(|x| x[0]).sum::<DVec3>() / self.0[k].1.len() as f64;
+        f.is_before(from) == ((inner - f.p).dot(f.n) < 0.0)
+    }
+
+    fn bit(&self, shape: u32) -> u64 {
+        self.0.iter().position(|b| b.0 == shape).map_or(0, |k| 1 << k)
+    }
+}
+
 /// All sheets of a light, without their rays.
-fn of_light(scene: &Scene, id: u32) -> Vec<Sheet> {
+fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
     let light = &scene.lights[id as usize];
     let Some(from) = light.origin() else { return Vec::new() };
     let faces = &scene.chains.faces;
+    let begins = light.center().map_or(0, |q| bodies.holding(q));
     // Facets of meshes are in the list by themselves.
-    let listed = scene.chains.list.iter().filter(|c| c.light == id).map(|c| c.links.clone());
-    let single = (0..faces.len() as u32).filter(|&k| !faces[k as usize].is_facet()).flat_map(|face| {
+    let listed = scene.chains.list.iter().filter(|c| c.light == id).map(|c| (c.links.clone(), c.asked));
+    let alone = (0..).zip(faces).filter(|(_, f)| !f.is_facet() && bodies.are_met(f, from, begins)).map(|f| f.0);
+    let single = alone.flat_map(|face| {
         let front = faces[face as usize].is_before(from);
         let through = scene.surface_of(faces[face as usize].shape).is_transparent();
-        let link = |through| SmallVec::from_iter([Link { face, front, through }]);
+        let link = |through| (SmallVec::from_iter([Link { face, front, through }]), 1.0);
         std::iter::once(link(false)).chain(through.then(|| link(true)))
     });
+    let borders = borders(scene);
     let mut sheets = Vec::new();
-    let sides = borders_of_shapes(scene);
-    for links in std::iter::once(SmallVec::new()).chain(single).chain(listed) {
+    for (links, asked) in std::iter::once((SmallVec::new(), 1.0)).chain(single).chain(listed) {
+        let passed = |l: &Link| if l.through { bodies.bit(faces[l.face as usize].shape) } else { 0 };
+        let within = links.iter().fold(begins, |set, l| set ^ passed(l));
+        let sheet = |at: usize, between: bool, border: &Border| {
+            let (links, border) = (links.clone(), border.clone());
+            Sheet { light: id, links, asked, at, between, border, within, pieces: Vec::new() }
+        };
         for (at, link) in links.iter().enumerate() {
             let face = &faces[link.face as usize];
             let before = at.checked_sub(1).map(|k| &faces[links[k].face as usize]);
-            let shared = |ends: &[DVec3; 2]| {
-                before.is_some_and(|b| border(b.corners()).any(|other| is_same(scene, ends, &other)))
-            };
-            for ends in border(face.corners()).filter(|ends| !shared(ends)) {
+            let shared = |ends: &[DVec3; 2]| before.is_some_and(|b| edges(b).any(|other| is_same(scene, ends, &other)));
+            for ends in edges(face).filter(|ends| !shared(ends)) {
                 let own = (face.shape, face.face);
-                sheets.push(Sheet { light: id, links: links.clone(), at, between: false, ends, own, pieces: Vec::new() });
+                sheets.push(sheet(at, false, &Border { ends, own, into: SmallVec::new() }));
             }
         }
         for at in 0..=links.len() {
             // Convex bodies do not stand on lines that end on them.
             let around = [at.checked_sub(1), Some(at)].map(|k| Some(faces[links.get(k?)?.face as usize].shape));
-            for &(own, ends) in sides.iter().filter(|(own, _)| !around.contains(&Some(own.0))) {
-                sheets.push(Sheet { light: id, links: links.clone(), at, between: true, ends, own, pieces: Vec::new() });
-            }
+            let others = borders.iter().filter(|b| !around.contains(&Some(b.own.0)));
+            sheets.extend(others.map(|b| sheet(at, true, b)));
         }
     }
     sheets
 }
 
-/// All edges of what is smooth, each once, with one of its faces.
-fn borders_of_shapes(scene: &Scene) -> Vec<((u32, u32), [DVec3; 2])> {
-    let mut found: Vec<((u32, u32), [DVec3; 2])> = Vec::new();
+fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {
+    border(face.corners())
+}
+
+/// All edges of what is smooth, each once.
+fn borders(scene: &Scene) -> Vec<Border> {
+    let mut found: Vec<Border> = Vec::new();
     for f in &scene.chains.faces {
-        for ends in border(f.corners()) {
-            if !found.iter().any(|(own, e)| own.0 == f.shape && is_same(scene, e, &ends)) {
-                found.push(((f.shape, f.face), ends));
+        for (ends, (_, into)) in edges(f).zip(sides(f.corners())) {
+            match found.iter_mut().find(|b| b.own.0 == f.shape && is_same(scene, &b.ends, &ends)) {
+                Some(known) => known.into.push(into),
+                None => found.push(Border { ends, own: (f.shape, f.face), into: SmallVec::from_iter([into]) }),
             }
         }
     }
@@ -261,11 +345,11 @@ fn is_same(scene: &Scene, [a, b]: &[DVec3; 2], [c, d]: &[DVec3; 2]) -> bool {
 
 impl Sheet {
     fn point(&self, s: f64) -> DVec3 {
-        self.ends[0].lerp(self.ends[1], s)
+        self.border.ends[0].lerp(self.border.ends[1], s)
     }
 
     fn along(&self) -> DVec3 {
-        (self.ends[1] - self.ends[0]).normalize()
+        (self.border.ends[1] - self.border.ends[0]).normalize()
     }
 
     fn from(&self, scene: &Scene) -> Option<Origin<f64>> {
@@ -287,8 +371,8 @@ impl Sheet {
         }
     }
 
-    /// The steps of light that comes along w to the point z of the border and goes on.
-    fn leaves(&self, scene: &Scene, z: DVec3, w: DVec3) -> Option<(SmallVec<[Step; MOST]>, Ray)> {
+    /// The steps of light that comes along w to the point z of the border and goes on, each with where it is taken.
+    fn leaves(&self, scene: &Scene, z: DVec3, w: DVec3) -> Option<(SmallVec<[(Step, DVec3); MOST]>, Ray)> {
         let mut ray = Ray { o: z, w };
         let mut steps = SmallVec::new();
         for link in &self.links[self.at..] {
@@ -302,8 +386,9 @@ impl Sheet {
             }
             let behind = f.behind(ray.w)?;
             let (shape, face) = (face.shape, face.face);
-            steps.push(Step { shape, face, p: f.p, n: f.n, before: ray.w, behind, through: f.through });
+            let step = Step { shape, face, p: f.p, n: f.n, before: ray.w, behind, through: f.through };
             ray = Ray { o: ray.o + ray.w * t, w: behind };
+            steps.push((step, ray.o));
         }
         Some((steps, ray))
     }
@@ -313,22 +398,46 @@ impl Sheet {
         Some(self.leaves(scene, z, self.comes(scene, z)?)?.1)
     }
 
-    /// Find its rays: stretches of the border that light goes on from.
+    /// A ray, and how far within their faces all is that it meets but the border: none of them below 0, or no light comes.
+    fn known(&self, scene: &Scene, s: f64) -> Option<(Ray, Margins)> {
+        let z = self.point(s);
+        let comes = self.comes(scene, z)?;
+        let (_, before, _) = chain::steps(scene, &self.links[..self.at], (z, comes), false)?;
+        let (behind, ray) = self.leaves(scene, z, comes)?;
+        let faces = |links: &[Link]| links.iter().map(|l| &scene.chains.faces[l.face as usize]).collect::<Vec<_>>();
+        let (first, last) = (faces(&self.links[..self.at]), faces(&self.links[self.at..]));
+        let mut margins: Margins = first.iter().rev().zip(&before).flat_map(|(f, p)| f.depths(*p)).collect();
+        // Its own plane is met at the border.
+        let own = usize::from(!self.between);
+        margins.extend(last.iter().zip(&behind).skip(own).flat_map(|(f, (_, p))| f.depths(*p)));
+        if let (true, [a, b]) = (self.between, &self.border.into[..]) {
+            // Faces on either side of the ray hide both.
+            let across = comes.cross(self.along());
+            margins.push(across.dot(*a) * across.dot(*b));
+        }
+        Some((ray, margins))
+    }
+
+    /// Find its rays: stretches of the border that light may go on from.
     fn trace(&mut self, scene: &Scene) {
-        let known: Vec<(f64, Option<Ray>)> =
-            (0..=PIECES).map(|k| k as f64 / PIECES as f64).map(|s| (s, self.ray(scene, s))).collect();
+        let known: Vec<(f64, Option<(Ray, Margins)>)> =
+            (0..=PIECES).map(|k| k as f64 / PIECES as f64).map(|s| (s, self.known(scene, s))).collect();
+        // Faces in turn that share the border are met on it.
+        let slack = NONE * scene.bounds.radius();
         let mut piece: Vec<(f64, Ray)> = Vec::new();
-        for (k, &(s, ray)) in known.iter().enumerate() {
-            let last = k.checked_sub(1).map(|k| known[k]);
-            match (last, ray) {
-                (Some((a, None)), Some(_)) => piece.extend(self.end(scene, s, a)),
-                (Some((a, Some(_))), None) => {
-                    piece.extend(self.end(scene, a, s));
-                    self.pieces.push(std::mem::take(&mut piece));
-                }
-                _ => {}
+        for pair in known.windows(2) {
+            let [(a, first), (b, second)] = [&pair[0], &pair[1]].map(|(s, k)| (*s, k.as_ref()));
+            let part: SmallVec<[(f64, Ray); 2]> = match (first, second) {
+                (Some((r, m)), Some((q, n))) if may_be_positive(m, n, slack) => SmallVec::from_iter([(a, *r), (b, *q)]),
+                (Some((r, _)), None) => std::iter::once((a, *r)).chain(self.end(scene, a, b)).collect(),
+                (None, Some((q, _))) => self.end(scene, b, a).into_iter().chain([(b, *q)]).collect(),
+                _ => SmallVec::new(),
+            };
+            let goes_on = piece.last().zip(part.first()).is_some_and(|(x, y)| x.0 == y.0);
+            if !goes_on {
+                self.pieces.push(std::mem::take(&mut piece));
             }
-            piece.extend(ray.map(|r| (s, r)));
+            piece.extend(part.into_iter().skip(usize::from(goes_on)));
         }
         self.pieces.push(piece);
         self.pieces.retain(|p| p.len() > 1);
@@ -385,18 +494,17 @@ impl Sheet {
         found
     }
 
-    /// What the way to y that goes by the border does there as all moves.
-    fn met(&self, cx: &Context, s: f64, y: DVec3) -> Option<Met> {
-        let (scene, z) = (cx.scene, self.point(s));
-        let from = self.from(scene)?;
+    /// The way by a place of the border.
+    fn met(&self, scene: &Scene, s: f64) -> Option<Met> {
+        let z = self.point(s);
         let comes = self.comes(scene, z)?;
-        let (mut steps, points, _) = chain::steps(scene, &self.links[..self.at], (z, comes), false)?;
+        let (before, points, _) = chain::steps(scene, &self.links[..self.at], (z, comes), false)?;
         let (behind, ray) = self.leaves(scene, z, comes)?;
         let along = self.along();
-        let mut idle = None;
+        let (mut steps, mut idle) = (SmallVec::from_vec(before), None);
         let m = if self.between {
             let n = (comes - along * comes.dot(along)).try_normalize()?;
-            let (shape, face) = self.own;
+            let (shape, face) = self.border.own;
             idle = Some(steps.len());
             steps.push(Step { shape, face, p: z, n, before: comes, behind: comes, through: true });
             n.cross(along)
@@ -404,11 +512,9 @@ impl Sheet {
             let face = &scene.chains.faces[self.links[self.at].face as usize];
             face.n.cross(along)
         };
-        let plane = self.at;
-        steps.extend(behind);
+        steps.extend(behind.into_iter().map(|s| s.0));
         let first = points.last().copied().unwrap_or(z);
-        let slide = Slide::new(scene, cx.moving, from, (&steps, idle), [first, y], plane)?;
-        Some(Met { slide, m, w: ray.w })
+        Some(Met { from: self.from(scene), steps, idle, first, m, w: ray.w })
     }
 
     /// What the light brings to y by the faces, across its direction; nothing where it does not come.
@@ -424,6 +530,23 @@ impl Sheet {
     }
 }
 
+/// How far within borders: [`Sheet::known`].
+type Margins = SmallVec<[f64; 16]>;
+
+/// Whether all may be positive at once between two places, where they change as straight lines do, or nearly so.
+fn may_be_positive(a: &Margins, b: &Margins, slack: f64) -> bool {
+    let (mut lo, mut hi) = (0.0f64, 1.0f64);
+    for (a, b) in a.iter().zip(b).map(|(a, b)| (a + slack, b + slack)) {
+        match (a > 0.0, b > 0.0) {
+            (true, true) => {}
+            (false, false) => return false,
+            (false, true) => lo = lo.max(a / (a - b)),
+            (true, false) => hi = hi.min(a / (a - b)),
+        }
+    }
+    lo <= hi + WIDER
+}
+
 /// A value at a place.
 type At = (f64, f64);
 
@@ -436,8 +559,9 @@ fn root(a: At, b: At, f: &impl Fn(f64) -> Option<(f64, Ray)>) -> Option<(f64, Ra
         let s = if slow { 0.5 * (a.0 + b.0) } else { (a.0 * b.1 - b.0 * a.1) / (b.1 - a.1) };
         let s = if s > a.0.min(b.0) && s < a.0.max(b.0) { s } else { 0.5 * (a.0 + b.0) };
         let (v, ray) = f(s)?;
+        let settled = best.is_some_and(|(last, _): (f64, Ray)| (s - last).abs() <= SETTLED);
         best = Some((s, ray));
-        if v == 0.0 || (b.0 - a.0).abs() <= 4.0 * f64::EPSILON {
+        if v == 0.0 || settled {
             break;
         }
         if (v < 0.0) == (a.1 < 0.0) {

@@ -175,9 +175,21 @@ fn parts(
     (steps, idle): (&[Step], Option<usize>),
     [first, x]: [DVec3; 2],
 ) -> Option<Parts> {
-    let by = |group| way(scene, (steps, idle), [first, x], from, group);
     let here = SmallVec::from_iter([Velocity::of(Source::Here, x)]);
-    let mut parts = SmallVec::from_iter([Part { vectors: here, indices: [None; 2], way: by(Group::Ends)? }]);
+    let ends = way(scene, (steps, idle), [first, x], from, Group::Ends)?;
+    let mut parts = SmallVec::from_iter([Part { vectors: here, indices: [None; 2], way: ends }]);
+    add_faces(&mut parts, scene, moving, from, (steps, idle), [first, x])?;
+    Some(parts)
+}
+
+fn add_faces(
+    parts: &mut Parts,
+    scene: &Scene,
+    moving: &Moving,
+    from: Origin<f64>,
+    (steps, idle): (&[Step], Option<usize>),
+    points: [DVec3; 2],
+) -> Option<()> {
     for (i, s) in steps.iter().enumerate().filter(|(i, _)| idle != Some(*i)) {
         let matter = Source::Shape { shape: s.shape, face: s.face };
         let own = moving.moves(s.shape).then(|| [Velocity::of(matter, s.p), Velocity::of_normal(matter, s.p, s.n)]);
@@ -187,10 +199,11 @@ fn parts(
         };
         if own.is_some() || indices.iter().any(Option::is_some) {
             let vectors = own.into_iter().flatten().collect();
-            parts.push(Part { vectors, indices, way: by(Group::Face(i))? });
+            let way = way(scene, (steps, idle), points, from, Group::Face(i))?;
+            parts.push(Part { vectors, indices, way });
         }
     }
-    Some(parts)
+    Some(())
 }
 
 /// How a vector of the way moves.
@@ -209,39 +222,41 @@ fn velocity(parts: &[Part], of: impl Fn(&FlatWay<D>) -> V3<D>) -> Velocity {
 }
 
 /// How the point where a way meets one of its planes moves.
-pub struct Slide {
-    parts: Parts,
+pub struct Slide<'a> {
+    scene: &'a Scene,
+    from: Origin<f64>,
+    steps: (&'a [Step], Option<usize>),
+    points: [DVec3; 2],
     plane: usize,
+    ends: FlatWay<D>,
 }
 
-impl Slide {
-    /// On plane number `plane` of those that light meets in turn, beginning at `first`, on its way to x; `idle`: that one is no face, does nothing and stays.
+impl<'a> Slide<'a> {
+    /// On plane number `plane` of those that light meets in turn, beginning at the first of `points`, on its way to the second. One of the steps may be no face: it does nothing and stays.
     pub fn new(
-        scene: &Scene,
-        moving: &Moving,
+        scene: &'a Scene,
         from: Origin<f64>,
-        (steps, idle): (&[Step], Option<usize>),
-        [first, x]: [DVec3; 2],
+        steps: (&'a [Step], Option<usize>),
+        points: [DVec3; 2],
         plane: usize,
-    ) -> Option<Slide> {
-        Some(Slide { parts: parts(scene, moving, from, (steps, idle), [first, x])?, plane })
-    }
-
-    fn at(&self) -> V3<D> {
-        self.parts[0].way.at[self.plane]
+    ) -> Option<Slide<'a>> {
+        let ends = way(scene, steps, points, from, Group::Ends)?;
+        Some(Slide { scene, from, steps, points, plane, ends })
     }
 
     /// Derivatives of `<m, x_k>` by the end of the way, and by the light's position, or its direction at infinity.
     pub fn by_ends(&self, m: DVec3) -> [DVec3; 2] {
-        [0, LIGHT].map(|first| DVec3::from_array(columns(self.at(), first).map(|v| m.dot(v))))
+        [0, LIGHT].map(|first| DVec3::from_array(columns(self.ends.at[self.plane], first).map(|v| m.dot(v))))
     }
 
     /// How it moves with the faces, their indices and the end, which moves with `start`.
-    pub fn velocity(&self, start: &Velocity) -> Velocity {
-        let [x, y, z] = columns(self.at(), 0);
-        let mut sum = velocity(&self.parts[1..], |w| w.at[self.plane]);
+    pub fn velocity(&self, moving: &Moving, start: &Velocity) -> Option<Velocity> {
+        let mut faces = Parts::new();
+        add_faces(&mut faces, self.scene, moving, self.from, self.steps, self.points)?;
+        let [x, y, z] = columns(self.ends.at[self.plane], 0);
+        let mut sum = velocity(&faces, |w| w.at[self.plane]);
         sum.add(&DMat3::from_cols(x, y, z), start);
-        sum
+        Some(sum)
     }
 }
 

@@ -9,6 +9,7 @@ mod balls;
 mod borders;
 mod bright;
 mod certain;
+mod casts;
 mod chains;
 mod check;
 mod chunks;

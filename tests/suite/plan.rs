@@ -30,6 +30,7 @@ const NO: Facts = Facts {
     border_jump: false,
     dielectric: false,
     only_panes: false,
+    only_straight: false,
     polygonal_dielectric: false,
     rims: false,
     rimmed: false,
