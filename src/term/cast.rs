@@ -107,12 +107,11 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
         if scene.is_null(s) {
             return !motion.moves(id);
         }
-        // The border of glass that ends a medium by itself is where that is not known.
-        let bounds = s.boundary && s.interior != s.exterior;
         scene.surface_of(id).is_smooth()
             && match &s.shape {
                 Shape::Cube(_) => true,
-                Shape::Rectangle(_) => !bounds,
+                // One of glass bounds a half-space, whose border has to be out of sight.
+                Shape::Rectangle(_) => !scene.surface_of(id).is_transparent(),
                 Shape::Mesh(m) => has_flat_faces(s) && is_convex(m, scene.tolerance(m.bounds().max)),
                 _ => false,
             }
@@ -244,7 +243,8 @@ struct Bodies(Vec<(u32, Vec<[DVec3; 2]>)>);
 impl Bodies {
     /// The first 64: of others nothing is told.
     fn new(scene: &Scene) -> Bodies {
-        let closed = (0..).zip(&scene.shapes).filter(|(id, s)| scene.surface_of(*id).is_smooth() && s.shape.is_closed());
+        let closed =
+            (0..).zip(&scene.shapes).filter(|(id, s)| scene.surface_of(*id).is_smooth() && s.shape.is_closed());
         let planes = |id: u32, s: &Instance| {
             let c = s.shape.bounds().center();
             let faces = scene.chains.faces.iter().filter(|f| f.shape == id);
@@ -277,24 +277,36 @@ impl Bodies {
     }
 }
 
-/// All sheets of a light, without their rays.
-fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
+/// Steps, each with where it is taken.
+type Taken = SmallVec<[(Step, DVec3); MOST]>;
+
+/// Faces in turn, and how often they are asked for.
+type Way = (SmallVec<[Link; MOST]>, f64);
+
+/// All ways of a light, and the bodies that it is in.
+fn ways(scene: &Scene, bodies: &Bodies, id: u32) -> (Vec<Way>, u64) {
     let light = &scene.lights[id as usize];
-    let Some(from) = light.origin() else { return Vec::new() };
+    let Some(from) = light.origin() else { return (Vec::new(), 0) };
     let faces = &scene.chains.faces;
     let begins = light.center().map_or(0, |q| bodies.holding(q));
     // Facets of meshes are in the list by themselves.
-    let listed = scene.chains.list.iter().filter(|c| c.light == id).map(|c| (c.links.clone(), c.asked));
-    let alone = (0..).zip(faces).filter(|(_, f)| !f.is_facet() && bodies.are_met(f, from, begins)).map(|f| f.0);
-    let single = alone.flat_map(|face| {
-        let front = faces[face as usize].is_before(from);
-        let through = scene.surface_of(faces[face as usize].shape).is_transparent();
+    let alone = (0..).zip(faces).filter(|(_, f)| !f.is_facet() && bodies.are_met(f, from, begins));
+    let single = alone.flat_map(|(face, f)| {
+        let (front, through) = (f.is_before(from), scene.surface_of(f.shape).is_transparent());
         let link = |through| (SmallVec::from_iter([Link { face, front, through }]), 1.0);
         std::iter::once(link(false)).chain(through.then(|| link(true)))
     });
+    let listed = scene.chains.list.iter().filter(|c| c.light == id).map(|c| (c.links.clone(), c.asked));
+    (std::iter::once((SmallVec::new(), 1.0)).chain(single).chain(listed).collect(), begins)
+}
+
+/// All sheets of a light, without their rays.
+fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
+    let faces = &scene.chains.faces;
+    let (ways, begins) = ways(scene, bodies, id);
     let borders = borders(scene);
     let mut sheets = Vec::new();
-    for (links, asked) in std::iter::once((SmallVec::new(), 1.0)).chain(single).chain(listed) {
+    for (links, asked) in ways {
         let passed = |l: &Link| if l.through { bodies.bit(faces[l.face as usize].shape) } else { 0 };
         let within = links.iter().fold(begins, |set, l| set ^ passed(l));
         let sheet = |at: usize, between: bool, border: &Border| {
@@ -372,7 +384,7 @@ impl Sheet {
     }
 
     /// The steps of light that comes along w to the point z of the border and goes on, each with where it is taken.
-    fn leaves(&self, scene: &Scene, z: DVec3, w: DVec3) -> Option<(SmallVec<[(Step, DVec3); MOST]>, Ray)> {
+    fn leaves(&self, scene: &Scene, z: DVec3, w: DVec3) -> Option<(Taken, Ray)> {
         let mut ray = Ray { o: z, w };
         let mut steps = SmallVec::new();
         for link in &self.links[self.at..] {
@@ -590,7 +602,13 @@ fn dip(a: At, b: At, c: At, sign: f64, f: &impl Fn(f64) -> Option<(f64, Ray)>) -
             return None;
         }
         let s = b.0 - 0.5 * slope / bend;
-        let s = if (s - b.0).abs() > 1e-3 * (c.0 - a.0) { s } else if y > x { b.0 + 0.1 * y } else { b.0 - 0.1 * x };
+        let s = if (s - b.0).abs() > 1e-3 * (c.0 - a.0) {
+            s
+        } else if y > x {
+            b.0 + 0.1 * y
+        } else {
+            b.0 - 0.1 * x
+        };
         if !(s > a.0 && s < c.0) {
             return None;
         }
@@ -610,3 +628,7 @@ fn dip(a: At, b: At, c: At, sign: f64, f: &impl Fn(f64) -> Option<(f64, Ray)>) -
     }
     None
 }
+
+#[cfg(test)]
+#[path = "cast_tests.rs"]
+mod tests;

@@ -33,7 +33,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         let what = format!(
             "`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet"
         );
-        let remedy = "only flat faces that are parallel to one another, rectangles and disks, may be there, and nothing but lights, the camera and these faces may move; else differentiate with respect to something else";
+        let remedy = "only flat faces may be there: rectangles and disks that are parallel to one another, or rectangles, cubes and convex meshes where nothing is opaque; and nothing but lights, the camera and these may move; else differentiate with respect to something else";
         return Err(Error::scene(&interface.span, what, remedy));
     }
     // An index that changes moves what is behind it.

@@ -358,7 +358,9 @@ pub fn rooms(
 ) -> Vec<Box<dyn Room>> {
     let mut v: Vec<Box<dyn Room>> = Vec::new();
     if wanted(light_shadow::NAME) {
-        v.extend(light_shadow::LightShadow::prepare(scene, sensor, motion, margin).map(|r| Box::new(r) as Box<dyn Room>));
+        v.extend(
+            light_shadow::LightShadow::prepare(scene, sensor, motion, margin).map(|r| Box::new(r) as Box<dyn Room>),
+        );
     }
     if wanted(hard_profile::NAME) {
         v.extend(hard_profile::HardProfile::prepare(scene, sensor, motion).map(|r| Box::new(r) as Box<dyn Room>));

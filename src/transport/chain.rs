@@ -50,8 +50,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         }
         let light = &scene.lights[chain.light as usize];
         let Some(from) = light.origin() else { continue };
-        let Some((mut way, points)) = way(scene, (chain.light, &chain.links), from, s.o, &mut w.tally.unsettled)
-        else {
+        let Some((mut way, points)) = way(scene, (chain.light, &chain.links), from, s.o, &mut w.tally.unsettled) else {
             continue;
         };
         way.gain *= 1.0 / chain.asked;

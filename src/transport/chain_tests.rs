@@ -1,6 +1,7 @@
 use super::*;
 use crate::math::rng::{Purpose, Rng};
 use crate::scene::On;
+use crate::scene::chains::Chain;
 use crate::scene::compile::LoadOptions;
 use crate::scene::desc::SceneDesc;
 use crate::transport::beam;

@@ -116,7 +116,8 @@ pub fn partials(scene: &Scene, params: &ParamSet, (aim, steps): (&WayAim, &[Step
         LightKind::Directional { .. } => light.place.direction,
         _ => return,
     };
-    let Some(w) = light.origin().and_then(|from| way(scene, (steps, None), [aim.first, aim.x], from, Group::Ends)) else {
+    let Some(w) = light.origin().and_then(|from| way(scene, (steps, None), [aim.first, aim.x], from, Group::Ends))
+    else {
         return;
     };
     let (Some(before), Some(behind)) = (w.w.first(), w.w.last()) else { return };

@@ -4,16 +4,17 @@ use crate::common::*;
 
 const LAMP: &str = r#"<emitter type="point"><point name="position" value="$x, -0.4, 2.2"/><rgb name="intensity" value="10, 9, 8"/></emitter>"#;
 const SPOT: &str = r#"<emitter type="spot"><transform name="to_world"><lookat origin="0, -0.4, 2.2" target="0.2, 0, 0" up="0, 1, 0"/><translate x="$x"/></transform>
-  <rgb name="intensity" value="10, 9, 8"/><float name="cutoff_angle" value="25"/><float name="beam_width" value="5"/></emitter>"#;
+  <rgb name="intensity" value="10, 9, 8"/><float name="cutoff_angle" value="40"/><float name="beam_width" value="5"/></emitter>"#;
 const SUN: &str = r#"<emitter type="directional"><vector name="direction" value="$x, 0.25, -1"/><rgb name="irradiance" value="3, 2.5, 2"/></emitter>"#;
-const GLASS: &str = r#"<bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf>"#;
+const GLASS: &str =
+    r#"<bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf>"#;
 
 /// One pixel that sees all of it: fog in glass in thinner fog, or what stands in its place.
 fn scene_of(depth: u32, bodies: &str, light: &str) -> String {
     format!(
         r#"<scene version="3.0.0"><default name="n" value="1.5"/><default name="h" value="0"/><default name="tilt" value="0"/><default name="x" value="0.45"/><default name="cam" value="0.3"/>
   <integrator type="volpath"><integer name="max_depth" value="{depth}"/></integrator>
-  <sensor type="perspective"><float name="fov" value="34"/><transform name="to_world"><lookat origin="1.2, -5, 1.4" target="0, 0, 0" up="0, 0, 1"/><translate x="$cam"/></transform>
+  <sensor type="perspective"><float name="fov" value="9"/><transform name="to_world"><lookat origin="1.2, -5, 1.4" target="0.35, -0.2, -0.1" up="0, 0, 1"/><translate x="$cam"/></transform>
     <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor>
   <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.5"/><float name="albedo" value="0.8"/><phase type="hg"><float name="g" value="0.2"/></phase></medium>
   <medium type="homogeneous" id="haze"><float name="sigma_t" value="0.25"/><float name="albedo" value="0.9"/></medium>
@@ -32,10 +33,45 @@ fn block(media: &str) -> String {
 const HAZE: &str = r#"<shape type="cube"><transform name="to_world"><scale value="1.5"/></transform><bsdf type="null"/><ref name="interior" id="haze"/></shape>"#;
 const FOGGY: &str = r#"<ref name="interior" id="fog"/>"#;
 
+/// Derivatives against differences; some of each is light that ends at borders.
+fn compare(text: &str, wrt: &[(&str, f64)], spp: u64) {
+    for (name, _) in wrt {
+        let part = derivatives(text, &[name], &["light_shadow"], spp)[0];
+        assert!(part.value[0].abs() > 5.0 * part.error[0], "{name}: {part:?}");
+    }
+    against_differences(text, wrt, &["all"], spp, 0.01);
+}
+
 #[test]
 fn light_in_a_block_against_differences() {
-    let place = [("n", 0.02), ("x", 0.05), ("h", 0.02), ("tilt", 1.0), ("cam", 0.05)];
-    against_differences(&scene_of(5, &block(FOGGY), LAMP), &place, &["all"], 1 << 13, 0.01);
-    against_differences(&scene_of(4, &block(FOGGY), SPOT), &place[..2], &["all"], 1 << 13, 0.01);
-    against_differences(&scene_of(4, &block(FOGGY), SUN), &place[..3], &["all"], 1 << 13, 0.01);
+    let place = [("n", 0.05), ("x", 0.1), ("h", 0.05), ("tilt", 3.0), ("cam", 0.012)];
+    compare(&scene_of(5, &block(FOGGY), LAMP), &place, 1 << 15);
+    compare(&scene_of(5, &block(FOGGY), SPOT), &place[..2], 1 << 15);
+    compare(&scene_of(5, &block(FOGGY), SUN), &place[..3], 1 << 15);
+}
+
+/// The light that a block lets through into the haze behind it, what it takes out of it, and what its sides mirror.
+#[test]
+fn light_behind_a_block_against_differences() {
+    let clear = format!("{HAZE}{}", block(r#"<ref name="interior" id="haze"/><ref name="exterior" id="haze"/>"#));
+    let high = LAMP.replace("2.2", "2.6");
+    compare(&scene_of(5, &clear, &high), &[("n", 0.05), ("x", 0.1), ("h", 0.05)], 1 << 14);
+    compare(&scene_of(5, &clear, SUN), &[("n", 0.05), ("x", 0.1), ("h", 0.05)], 1 << 14);
+}
+
+#[test]
+fn light_of_a_mirror_against_differences() {
+    let mirror = r#"<shape type="rectangle" id="mirror"><transform name="to_world"><scale value="0.5"/><rotate y="1" angle="20"/><rotate y="1" angle="$tilt"/><translate z="$h"/></transform><bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape>"#;
+    let text = scene_of(4, &format!("{HAZE}{mirror}"), &LAMP.replace("2.2", "2.6"));
+    let text = text
+        .replace(r#"<default name="n" value="1.5"/>"#, "")
+        .replace(r#"target="0.35, -0.2, -0.1""#, r#"target="0.6, 0, 0.6""#);
+    compare(&text, &[("tilt", 3.0), ("x", 0.1), ("h", 0.05), ("cam", 0.1)], 1 << 14);
+}
+
+/// One block in the light of the other.
+#[test]
+fn light_between_blocks_against_differences() {
+    let second = r#"<shape type="cube"><transform name="to_world"><scale x="0.35" y="0.5" z="0.12"/><rotate x="1" angle="15"/><translate x="0.3" y="-0.3" z="1.2"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.3"/><float name="ext_ior" value="1"/></bsdf></shape>"#;
+    compare(&scene_of(6, &format!("{}{second}", block(FOGGY)), LAMP), &[("n", 0.05), ("x", 0.1), ("h", 0.05)], 1 << 13);
 }

@@ -199,7 +199,7 @@ fn scenes_give_their_rows() {
 /// The table names what the refusal names, its place and what to do.
 #[test]
 fn missing_terms_name_their_cause() {
-    let glass = r#"<shape type="cube"><bsdf type="dielectric"/></shape>"#;
+    let glass = r#"<shape type="sphere"><bsdf type="dielectric"/></shape>"#;
     let light = r#"<emitter type="point" id="bulb"><point name="position" x="$x" y="3" z="0"/></emitter>"#;
     let p = plan(&format!("{CAMERA}{glass}{light}"), "x");
     assert!(p.refuse().unwrap_err().to_string().contains("`bulb`"));
@@ -209,6 +209,11 @@ fn missing_terms_name_their_cause() {
             && l.reason.contains("use an area light")
     };
     assert!(p.lines.iter().any(told), "{:?}", p.lines);
+    // Flat faces cast shadows by their borders, where nothing else does.
+    let block = format!("{CAMERA}{}{light}", glass.replace("sphere", "cube"));
+    assert!(used(&plan(&block, "x"), "use").split(' ').any(|t| t == "G"));
+    let floor = r#"<shape type="rectangle"/>"#;
+    assert!(plan(&format!("{block}{floor}"), "x").refuse().is_err());
 }
 
 #[test]

@@ -1,0 +1,97 @@
+use super::*;
+use crate::scene::SceneDesc;
+use crate::scene::compile::LoadOptions;
+
+const LAMP: &str = r#"<emitter type="point"><point name="position" value="0.45, -0.4, 2.4"/></emitter>"#;
+const SUN: &str = r#"<emitter type="directional"><vector name="direction" value="0.3, 0.25, -1"/></emitter>"#;
+
+/// Blocks with haze in and around them.
+fn blocks(light: &str) -> Scene {
+    let text = format!(
+        r#"<scene version="3.0.0"><integrator type="volpath"><integer name="max_depth" value="5"/></integrator><sensor type="perspective"/>
+      <medium type="homogeneous" id="haze"><float name="sigma_t" value="0"/></medium>
+      <shape type="cube"><transform name="to_world"><scale x="0.9" y="0.7" z="0.6"/><rotate z="1" angle="20"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.5"/></bsdf></shape>
+      <shape type="cube"><transform name="to_world"><scale x="0.35" y="0.5" z="0.12"/><rotate x="1" angle="15"/><translate x="0.3" y="-0.3" z="1.2"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.3"/></bsdf></shape>
+      <shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate y="1" angle="70"/><translate x="-1.4" z="1"/></transform><bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape>{light}</scene>"#
+    );
+    let desc = SceneDesc::parse(&text, std::path::Path::new("blocks.xml"), &[]).unwrap();
+    Scene::compile(&desc, &LoadOptions::default()).unwrap()
+}
+
+/// Wherever the light of a way jumps along a line, the line crosses a sheet of it; and what sheets say it jumps by is what it does.
+#[test]
+fn light_jumps_at_sheets_alone() {
+    for light in [LAMP, SUN] {
+        let scene = blocks(light);
+        let bodies = Bodies::new(&scene);
+        let (ways, begins) = ways(&scene, &bodies, 0);
+        let mut sheets = of_light(&scene, &bodies, 0);
+        sheets.iter_mut().for_each(|s| s.trace(&scene));
+        let mut rng = Rng::keyed(7, 0, 0, 0);
+        let mut jumps = 0;
+        for _ in 0..24 {
+            let mut point = || DVec3::from_array([0; 3].map(|_| 2.4 * rng.uniform() - 1.2));
+            let (o, to) = (point(), point());
+            let w = (to - o).normalize();
+            let end = scene.intersect(o, w, (to - o).length(), &On::default(), None).map_or((to - o).length(), |h| h.t);
+            let within = bodies.holding(o + w * (0.5 * end));
+            let n = 1000;
+            let at = |k: usize| end * (k as f64 + 0.5) / n as f64;
+            for (links, asked) in &ways {
+                let passed =
+                    |l: &Link| if l.through { bodies.bit(scene.chains.faces[l.face as usize].shape) } else { 0 };
+                let own = |s: &&Sheet| s.links == *links;
+                let border = Border { ends: [DVec3::ZERO; 2], own: (0, 0), into: SmallVec::new() };
+                let probe = Sheet {
+                    light: 0,
+                    links: links.clone(),
+                    asked: *asked,
+                    at: 0,
+                    between: false,
+                    border,
+                    within,
+                    pieces: Vec::new(),
+                };
+                let lit: Vec<f64> = (0..n).map(|k| probe.arrives(&scene, o + w * at(k), 0)[1]).collect();
+                let most = lit.iter().copied().fold(0.0, f64::max);
+                if most == 0.0 {
+                    continue;
+                }
+                // Light of a way that leads elsewhere than here would be left out.
+                assert_eq!(links.iter().fold(begins, |set, l| set ^ passed(l)), within, "{links:?}");
+                let crossings: Vec<f64> = sheets
+                    .iter()
+                    .filter(own)
+                    .flat_map(|s| s.crossings(&scene, o, w, [0.0, end]))
+                    .map(|c| c.1)
+                    .collect();
+                for k in 1..n {
+                    let (a, b) = (lit[k - 1], lit[k]);
+                    // Near total reflection light changes as fast, but not to nothing.
+                    if (a == 0.0) != (b == 0.0) && a.max(b) > 0.05 * most {
+                        jumps += 1;
+                        let near = crossings.iter().any(|t| *t > at(k - 1) - 1e-6 && *t < at(k) + 1e-6);
+                        assert!(near, "{light} {links:?} {o} {w} {}: {a} {b}, {crossings:?}", at(k));
+                    }
+                }
+            }
+        }
+        println!("{jumps} jumps");
+        assert!(jumps > 40, "{jumps}");
+    }
+}
+
+/// Roots between signs that differ, and a pair that no sign tells.
+#[test]
+fn roots_are_found() {
+    let ray = Ray { o: DVec3::ZERO, w: DVec3::Z };
+    let f = |s: f64| Some(((s - 0.3) * (s - 0.31), ray));
+    let at = |s: f64| (s, f(s).unwrap().0);
+    let (a, b, c) = (at(0.2), at(0.3125), at(0.4));
+    let dip = dip(a, b, c, 1.0, &f).unwrap();
+    assert!(dip.1 < 0.0);
+    assert!((root(a, dip, &f).unwrap().0 - 0.3).abs() < 1e-11 && (root(dip, c, &f).unwrap().0 - 0.31).abs() < 1e-11);
+    let none = |s: f64| Some(((s - 0.3).powi(2) + 0.01, ray));
+    let at = |s: f64| (s, none(s).unwrap().0);
+    assert!(super::dip(at(0.2), at(0.31), at(0.4), 1.0, &none).is_none());
+}
