@@ -16,6 +16,7 @@
 use super::sheet::Partials;
 use super::spans::{self, Bare, Moves, Walked};
 use super::{Context, Motion, Sample, ends};
+use crate::error::{Error, Result};
 use crate::light::{Light, Origin};
 use crate::math::fermat;
 use crate::math::fold::Fold;
@@ -34,14 +35,23 @@ use crate::transport::{beam, chain};
 use rayon::prelude::*;
 use smallvec::SmallVec;
 
-/// Pieces of a border between whose ends rays are interpolated.
-const PIECES: usize = 16;
+/// Pieces of a border at least, between whose ends rays are interpolated.
+const PIECES: usize = 32;
+/// Pieces at whose ends sheets are looked at first, and what is far, in scene radii.
+const COARSE: usize = 6;
+const FAR: f64 = 0.05;
+/// Further ones are halved so often toward where the light is nearest: near to glass little of it may be let in.
+const HALVED: i32 = 12;
 /// By how much of a piece what margins leave is widened at either side.
 const WIDER: f64 = 0.2;
-/// How far from the border on either side light is asked for, in scene radii: on it rounding would tell which face is met.
-const ASIDE: f64 = 1e-7;
+/// How far from the border on either side light is asked for, in scene radii: Embree's f32 rays must tell which face is met.
+const ASIDE: f64 = 1e-5;
 /// Steps that find where rays of a sheet end, or meet a span: halvings at worst.
 const STEPS: usize = 60;
+/// How far from opposite the directions into two faces of one plane may be.
+const FLAT: f64 = 1e-12;
+/// Sheets of a scene at most.
+const SHEETS: usize = 1 << 18;
 /// Steps along a border, over its length, that are none.
 const SETTLED: f64 = 1e-13;
 /// Distances ahead, in scene radii, that may be none: light passes two faces at the edge that they share.
@@ -120,6 +130,33 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
     !chains.faces.is_empty() && !chains.cut && !chains.touching && (0..).zip(&scene.shapes).all(known)
 }
 
+/// What would make borders more than can be told: to be asked where they are known ([`are_known`]).
+pub fn check(scene: &Scene) -> Result<()> {
+    let smooth: Vec<&Instance> = scene.shapes.iter().filter(|s| !scene.is_null(s)).collect();
+    for (i, a) in smooth.iter().enumerate() {
+        if let Some(b) = smooth[i + 1..].iter().find(|b| a.shape.bounds().gap(&b.shape.bounds()) == 0.0) {
+            let what = format!(
+                "`{}` and `{}` mirror or refract and may meet: where light without extent ends there cannot be told yet",
+                a.name, b.name
+            );
+            let remedy = "keep them apart, so that the boxes around them (along the axes) do not meet; one within another cannot be differentiated yet";
+            return Err(Error::scene(&b.span, what, remedy));
+        }
+    }
+    let bodies = Bodies::new(scene);
+    let delta = (0..scene.lights.len() as u32).filter(|&id| scene.lights[id as usize].is_delta());
+    let sheets: usize = delta.map(|id| count(scene, &bodies, id)).sum();
+    if sheets > SHEETS {
+        let span = &smooth[0].span;
+        let what = format!(
+            "light without extent ends at the borders of `{}` and others in {sheets} ways, more than {SHEETS}: too many to differentiate",
+            smooth[0].name
+        );
+        return Err(Error::scene(span, what, "use fewer faces, or a smaller max_depth"));
+    }
+    Ok(())
+}
+
 /// Whether it is closed, and no vertex lies before any of its faces.
 fn is_convex(m: &TriangleMesh, slack: f64) -> bool {
     let behind = |f: u32| {
@@ -147,8 +184,6 @@ impl Casts {
         let lights = scene.lights.iter().enumerate().filter(|(id, l)| l.is_delta() && moves(*id));
         let bodies = Bodies::new(scene);
         let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, &bodies, id as u32)).collect();
-        sheets.par_iter_mut().for_each(|s| s.trace(scene));
-        sheets.retain(|s| !s.pieces.is_empty());
         sheets.sort_by(|a, b| b.asked.total_cmp(&a.asked));
         (!sheets.is_empty()).then_some(Casts { sheets, bodies, slots })
     }
@@ -245,12 +280,12 @@ impl Bodies {
     fn new(scene: &Scene) -> Bodies {
         let closed =
             (0..).zip(&scene.shapes).filter(|(id, s)| scene.surface_of(*id).is_smooth() && s.shape.is_closed());
-        let planes = |id: u32, s: &Instance| {
-            let c = s.shape.bounds().center();
-            let faces = scene.chains.faces.iter().filter(|f| f.shape == id);
-            faces.map(|f| [f.p, if f.n.dot(f.p - c) < 0.0 { -f.n } else { f.n }]).collect()
+        let planes = |id: u32| {
+            let faces = || scene.chains.faces.iter().filter(|f| f.shape == id);
+            let c = faces().map(|f| f.p).sum::<DVec3>() / faces().count().max(1) as f64;
+            faces().map(|f| [f.p, if f.n.dot(f.p - c) < 0.0 { -f.n } else { f.n }]).collect()
         };
-        Bodies(closed.take(64).map(|(id, s)| (id, planes(id, s))).collect())
+        Bodies(closed.take(64).map(|(id, _)| (id, planes(id))).collect())
     }
 
     /// Those that hold a point.
@@ -300,43 +335,61 @@ fn ways(scene: &Scene, bodies: &Bodies, id: u32) -> (Vec<Way>, u64) {
     (std::iter::once((SmallVec::new(), 1.0)).chain(single).chain(listed).collect(), begins)
 }
 
-/// All sheets of a light, without their rays.
+/// All sheets of a light that it may go on from.
 fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
     let faces = &scene.chains.faces;
     let (ways, begins) = ways(scene, bodies, id);
     let borders = borders(scene);
-    let mut sheets = Vec::new();
-    for (links, asked) in ways {
+    let ends: Vec<Vec<[DVec3; 2]>> = faces.iter().map(|f| ends_of(scene, &borders, f)).collect();
+    let of_way = |(links, asked): &Way| {
         let passed = |l: &Link| if l.through { bodies.bit(faces[l.face as usize].shape) } else { 0 };
         let within = links.iter().fold(begins, |set, l| set ^ passed(l));
-        let sheet = |at: usize, between: bool, border: &Border| {
-            let (links, border) = (links.clone(), border.clone());
-            Sheet { light: id, links, asked, at, between, border, within, pieces: Vec::new() }
+        let mut sheets = Vec::new();
+        let mut add = |at: usize, between: bool, border: Border| {
+            let (links, asked) = (links.clone(), *asked);
+            let mut sheet = Sheet { light: id, links, asked, at, between, border, within, pieces: Vec::new() };
+            if !sheet.is_dark(scene) {
+                sheet.trace(scene);
+            }
+            sheets.extend(Some(sheet).filter(|s| !s.pieces.is_empty()));
         };
         for (at, link) in links.iter().enumerate() {
             let face = &faces[link.face as usize];
             let before = at.checked_sub(1).map(|k| &faces[links[k].face as usize]);
             let shared = |ends: &[DVec3; 2]| before.is_some_and(|b| edges(b).any(|other| is_same(scene, ends, &other)));
-            for ends in edges(face).filter(|ends| !shared(ends)) {
-                let own = (face.shape, face.face);
-                sheets.push(sheet(at, false, &Border { ends, own, into: SmallVec::new() }));
+            for &ends in ends[link.face as usize].iter().filter(|ends| !shared(ends)) {
+                add(at, false, Border { ends, own: (face.shape, face.face), into: SmallVec::new() });
             }
         }
         for at in 0..=links.len() {
             // Convex bodies do not stand on lines that end on them.
             let around = [at.checked_sub(1), Some(at)].map(|k| Some(faces[links.get(k?)?.face as usize].shape));
-            let others = borders.iter().filter(|b| !around.contains(&Some(b.own.0)));
-            sheets.extend(others.map(|b| sheet(at, true, b)));
+            for b in borders.iter().filter(|b| !around.contains(&Some(b.own.0))) {
+                add(at, true, b.clone());
+            }
         }
-    }
-    sheets
+        sheets
+    };
+    ways.par_iter().flat_map_iter(of_way).collect()
+}
+
+/// The borders of a face. Of two facets in one plane either takes over what the other leaves.
+fn ends_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<[DVec3; 2]> {
+    let counts = |ends: &[DVec3; 2]| borders.iter().any(|b| b.own.0 == face.shape && is_same(scene, &b.ends, ends));
+    edges(face).filter(counts).collect()
+}
+
+/// How many sheets a light has at most.
+fn count(scene: &Scene, bodies: &Bodies, id: u32) -> usize {
+    let borders = borders(scene).len();
+    ways(scene, bodies, id).0.iter().map(|(links, _)| 4 * links.len() + (links.len() + 1) * borders).sum()
 }
 
 fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {
     border(face.corners())
 }
 
-/// All edges of what is smooth, each once.
+/// All edges of what is smooth, each once, but those within a plane.
 fn borders(scene: &Scene) -> Vec<Border> {
     let mut found: Vec<Border> = Vec::new();
     for f in &scene.chains.faces {
@@ -347,6 +400,8 @@ fn borders(scene: &Scene) -> Vec<Border> {
             }
         }
     }
+    // Within a plane there is none.
+    found.retain(|b| !matches!(b.into[..], [a, c] if a.dot(c) < FLAT - 1.0));
     found
 }
 
@@ -425,15 +480,41 @@ impl Sheet {
         if let (true, [a, b]) = (self.between, &self.border.into[..]) {
             // Faces on either side of the ray hide both.
             let across = comes.cross(self.along());
-            margins.push(across.dot(*a) * across.dot(*b));
+            margins.push(across.dot(*a) * across.dot(*b) * scene.bounds.radius());
         }
         Some((ray, margins))
+    }
+
+    /// Places of the border between which rays are looked for.
+    fn places(&self, scene: &Scene) -> Vec<f64> {
+        let mut places: Vec<f64> = (0..=PIECES).map(|k| k as f64 / PIECES as f64).collect();
+        if let Some(q) = scene.lights[self.light as usize].center() {
+            let [a, b] = self.border.ends;
+            let foot = (q - a).dot(b - a) / (b - a).length_squared();
+            let graded = (1..=HALVED).flat_map(|k| [-1.0, 1.0].map(|side| foot + side * 0.5f64.powi(k)));
+            places.extend(graded.chain([foot]).filter(|s| *s > 0.0 && *s < 1.0));
+        }
+        places.sort_by(f64::total_cmp);
+        places.dedup();
+        places
+    }
+
+    /// Whether light misses faces by far at a few places already.
+    fn is_dark(&self, scene: &Scene) -> bool {
+        let margins = |k: usize| self.known(scene, k as f64 / COARSE as f64).map(|known| known.1);
+        let slack = FAR * scene.bounds.radius();
+        let misses = |pair: [&Option<Margins>; 2]| match pair {
+            [Some(a), Some(b)] => !may_be_positive(a, b, slack),
+            _ => false,
+        };
+        let known: Vec<Option<Margins>> = (0..=COARSE).map(margins).collect();
+        known.windows(2).all(|pair| misses([&pair[0], &pair[1]]))
     }
 
     /// Find its rays: stretches of the border that light may go on from.
     fn trace(&mut self, scene: &Scene) {
         let known: Vec<(f64, Option<(Ray, Margins)>)> =
-            (0..=PIECES).map(|k| k as f64 / PIECES as f64).map(|s| (s, self.known(scene, s))).collect();
+            self.places(scene).into_iter().map(|s| (s, self.known(scene, s))).collect();
         // Faces in turn that share the border are met on it.
         let slack = NONE * scene.bounds.radius();
         let mut piece: Vec<(f64, Ray)> = Vec::new();

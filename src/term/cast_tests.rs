@@ -5,14 +5,32 @@ use crate::scene::compile::LoadOptions;
 const LAMP: &str = r#"<emitter type="point"><point name="position" value="0.45, -0.4, 2.4"/></emitter>"#;
 const SUN: &str = r#"<emitter type="directional"><vector name="direction" value="0.3, 0.25, -1"/></emitter>"#;
 
-/// Blocks with haze in and around them.
+/// A prism in haze.
+fn prism(light: &str) -> Scene {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("prism.obj");
+    let corners = "v -0.7 -0.6 -0.5\nv 0.7 -0.6 -0.5\nv 0 -0.6 0.7\nv -0.7 0.6 -0.5\nv 0.7 0.6 -0.5\nv 0 0.6 0.7\n";
+    let faces = "f 1 2 3\nf 4 6 5\nf 1 4 5\nf 1 5 2\nf 2 5 6\nf 2 6 3\nf 3 6 4\nf 3 4 1\n";
+    std::fs::write(&path, format!("{corners}{faces}")).unwrap();
+    compiled(&format!(
+        r#"<shape type="obj"><string name="filename" value="{}"/><boolean name="face_normals" value="true"/><transform name="to_world"><rotate z="1" angle="20"/></transform><bsdf type="dielectric"/></shape>{light}"#,
+        path.display()
+    ))
+}
+
+/// Blocks and a mirror in haze.
 fn blocks(light: &str) -> Scene {
+    compiled(&format!(
+        r#"<shape type="cube"><transform name="to_world"><scale x="0.9" y="0.7" z="0.6"/><rotate z="1" angle="20"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.5"/></bsdf></shape>
+      <shape type="cube"><transform name="to_world"><scale x="0.35" y="0.5" z="0.12"/><rotate x="1" angle="15"/><translate x="0.3" y="-0.3" z="1.2"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.3"/></bsdf></shape>
+      <shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate y="1" angle="70"/><translate x="-1.4" z="1"/></transform><bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape>{light}"#
+    ))
+}
+
+fn compiled(body: &str) -> Scene {
     let text = format!(
         r#"<scene version="3.0.0"><integrator type="volpath"><integer name="max_depth" value="5"/></integrator><sensor type="perspective"/>
-      <medium type="homogeneous" id="haze"><float name="sigma_t" value="0"/></medium>
-      <shape type="cube"><transform name="to_world"><scale x="0.9" y="0.7" z="0.6"/><rotate z="1" angle="20"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.5"/></bsdf></shape>
-      <shape type="cube"><transform name="to_world"><scale x="0.35" y="0.5" z="0.12"/><rotate x="1" angle="15"/><translate x="0.3" y="-0.3" z="1.2"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.3"/></bsdf></shape>
-      <shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate y="1" angle="70"/><translate x="-1.4" z="1"/></transform><bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape>{light}</scene>"#
+      <medium type="homogeneous" id="haze"><float name="sigma_t" value="0"/></medium>{body}</scene>"#
     );
     let desc = SceneDesc::parse(&text, std::path::Path::new("blocks.xml"), &[]).unwrap();
     Scene::compile(&desc, &LoadOptions::default()).unwrap()
@@ -21,12 +39,10 @@ fn blocks(light: &str) -> Scene {
 /// Wherever the light of a way jumps along a line, the line crosses a sheet of it; and what sheets say it jumps by is what it does.
 #[test]
 fn light_jumps_at_sheets_alone() {
-    for light in [LAMP, SUN] {
-        let scene = blocks(light);
+    for (light, scene) in [LAMP, SUN].into_iter().flat_map(|l| [(l, blocks(l)), (l, prism(l))]) {
         let bodies = Bodies::new(&scene);
         let (ways, begins) = ways(&scene, &bodies, 0);
-        let mut sheets = of_light(&scene, &bodies, 0);
-        sheets.iter_mut().for_each(|s| s.trace(&scene));
+        let sheets = of_light(&scene, &bodies, 0);
         let mut rng = Rng::keyed(7, 0, 0, 0);
         let mut jumps = 0;
         for _ in 0..24 {

@@ -36,6 +36,10 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         let remedy = "only flat faces may be there: rectangles and disks that are parallel to one another, or rectangles, cubes and convex meshes where nothing is opaque; and nothing but lights, the camera and these may move; else differentiate with respect to something else";
         return Err(Error::scene(&interface.span, what, remedy));
     }
+    let delta = scene.lights.iter().any(|l| l.is_delta());
+    if delta && (moves || motion.surfaces()) && lit && !panes::are_known(scene, motion) {
+        cast::check(scene)?;
+    }
     // An index that changes moves what is behind it.
     if !motion.surfaces() {
         return Ok(());

@@ -44,8 +44,10 @@ pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Re
 
 /// `cast`: such shadows are known.
 fn examine(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion, cast: bool) -> Result<()> {
-    let Some(pane) = scene.panes.first() else { return Ok(()) };
-    let face = &scene.shapes[pane.shape as usize];
+    let smooth = || scene.shapes.iter().find(|s| scene.surfaces[s.surface as usize].is_smooth());
+    let pane = scene.panes.first();
+    let face = pane.map(|p| &scene.shapes[p.shape as usize]);
+    let Some(face) = face.or_else(|| smooth().filter(|_| cast)) else { return Ok(()) };
     let refuse = |what: String, remedy: &str| Err(Error::scene(&face.span, what, remedy));
     // Vertices that ride on camera rays, and a face that moves or refracts otherwise, carry the light of all lights past the same borders.
     let moves = motion.surfaces();
@@ -84,9 +86,7 @@ fn examine(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion, cast: b
             );
             return refuse(what, "keep it out of the medium: in the air over the water, as it were");
         }
-        if cast {
-            continue;
-        }
+        let Some(pane) = pane.filter(|_| !cast) else { continue };
         if region.is_none() {
             region = Some(places(scene, sensor, margin, pane)?);
         }

@@ -1,6 +1,7 @@
 //! Shadows that the borders of glass and mirrors cast, of lights without extent that shine by way of them (`term::cast`), against differences.
 
 use crate::common::*;
+use tyndall::render::driver::Mode;
 
 const LAMP: &str = r#"<emitter type="point"><point name="position" value="$x, -0.4, 2.2"/><rgb name="intensity" value="10, 9, 8"/></emitter>"#;
 const SPOT: &str = r#"<emitter type="spot"><transform name="to_world"><lookat origin="0, -0.4, 2.2" target="0.2, 0, 0" up="0, 1, 0"/><translate x="$x"/></transform>
@@ -57,6 +58,56 @@ fn light_behind_a_block_against_differences() {
     let high = LAMP.replace("2.2", "2.6");
     compare(&scene_of(5, &clear, &high), &[("n", 0.05), ("x", 0.1), ("h", 0.05)], 1 << 14);
     compare(&scene_of(5, &clear, SUN), &[("n", 0.05), ("x", 0.1), ("h", 0.05)], 1 << 14);
+}
+
+/// A prism as a mesh, whose facets lie in one plane in part.
+fn prism(dir: &std::path::Path, media: &str) -> String {
+    let corners = "v -0.7 -0.6 -0.5\nv 0.7 -0.6 -0.5\nv 0 -0.6 0.7\nv -0.7 0.6 -0.5\nv 0.7 0.6 -0.5\nv 0 0.6 0.7\n";
+    let faces = "f 1 2 3\nf 4 6 5\nf 1 4 5\nf 1 5 2\nf 2 5 6\nf 2 6 3\nf 3 6 4\nf 3 4 1\n";
+    let path = dir.join("prism.obj");
+    std::fs::write(&path, format!("{corners}{faces}")).unwrap();
+    let turned = r#"<transform name="to_world"><rotate z="1" angle="20"/><rotate y="1" angle="$tilt"/><translate z="$h"/></transform>"#;
+    format!(
+        r#"<shape type="obj"><string name="filename" value="{}"/><boolean name="face_normals" value="true"/>{turned}{GLASS}{media}</shape>"#,
+        path.display()
+    )
+}
+
+/// Embree's f32 rays tell facets apart there that a connection meets just beside their border.
+#[test]
+fn light_beside_a_mesh_against_differences() {
+    let dir = tempfile::tempdir().unwrap();
+    let high = LAMP.replace("2.2", "2.6").replace("$x, -0.4", "0.9, $x").replace("0.45", "-0.4");
+    let clear = format!("{HAZE}{}", prism(dir.path(), r#"<ref name="exterior" id="haze"/>"#));
+    let text = scene_of(4, &clear, &high).replace(r#"name="x" value="0.45""#, r#"name="x" value="-0.4""#);
+    // The shadow behind it.
+    let text = text.replace(r#"target="0.35, -0.2, -0.1""#, r#"target="-0.9, 0, -0.6""#);
+    compare(&text, &[("tilt", 1.0), ("x", 0.05)], 1 << 16);
+}
+
+/// Faces that meet would count the light between them twice.
+#[test]
+fn bodies_that_meet_are_refused() {
+    let two = |x: f64| {
+        let wall = |turn: &str| {
+            format!(
+                r#"<shape type="rectangle"><transform name="to_world"><scale value="0.3"/>{turn}</transform><bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape>"#
+            )
+        };
+        let other = wall(&format!(r#"<translate x="0.3"/><rotate y="1" angle="90"/><translate x="{x}"/>"#));
+        let text =
+            scene_of(4, &format!("{HAZE}{}{other}", wall(r#"<translate x="0.3"/>"#)), &LAMP.replace("2.2", "2.6"));
+        let unused = ["n", "h", "tilt"].iter().fold(text, |t, name| {
+            let at = t.find(&format!(r#"<default name="{name}""#)).unwrap();
+            let end = at + t[at..].find("/>").unwrap() + 2;
+            format!("{}{}", &t[..at], &t[end..])
+        });
+        let (desc, sc) = scene(&unused);
+        let p = sc.param_set(&desc, &["x".to_string()]).unwrap();
+        job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    assert!(two(0.0).contains("may meet"), "{}", two(0.0));
+    assert_eq!(two(-0.1), "");
 }
 
 #[test]
