@@ -36,10 +36,7 @@ use rayon::prelude::*;
 use smallvec::SmallVec;
 
 /// Pieces of a border at least, between whose ends rays are interpolated.
-const PIECES: usize = 32;
-/// Pieces at whose ends sheets are looked at first, and what is far, in scene radii.
-const COARSE: usize = 6;
-const FAR: f64 = 0.05;
+const PIECES: usize = 16;
 /// Further ones are halved so often toward where the light is nearest: near to glass little of it may be let in.
 const HALVED: i32 = 12;
 /// By how much of a piece what margins leave is widened at either side.
@@ -348,9 +345,7 @@ fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
         let mut add = |at: usize, between: bool, border: Border| {
             let (links, asked) = (links.clone(), *asked);
             let mut sheet = Sheet { light: id, links, asked, at, between, border, within, pieces: Vec::new() };
-            if !sheet.is_dark(scene) {
-                sheet.trace(scene);
-            }
+            sheet.trace(scene);
             sheets.extend(Some(sheet).filter(|s| !s.pieces.is_empty()));
         };
         for (at, link) in links.iter().enumerate() {
@@ -488,7 +483,7 @@ impl Sheet {
     /// Places of the border between which rays are looked for.
     fn places(&self, scene: &Scene) -> Vec<f64> {
         let mut places: Vec<f64> = (0..=PIECES).map(|k| k as f64 / PIECES as f64).collect();
-        if let Some(q) = scene.lights[self.light as usize].center() {
+        if let Some(q) = scene.lights[self.light as usize].center().filter(|_| self.at == 0) {
             let [a, b] = self.border.ends;
             let foot = (q - a).dot(b - a) / (b - a).length_squared();
             let graded = (1..=HALVED).flat_map(|k| [-1.0, 1.0].map(|side| foot + side * 0.5f64.powi(k)));
@@ -497,18 +492,6 @@ impl Sheet {
         places.sort_by(f64::total_cmp);
         places.dedup();
         places
-    }
-
-    /// Whether light misses faces by far at a few places already.
-    fn is_dark(&self, scene: &Scene) -> bool {
-        let margins = |k: usize| self.known(scene, k as f64 / COARSE as f64).map(|known| known.1);
-        let slack = FAR * scene.bounds.radius();
-        let misses = |pair: [&Option<Margins>; 2]| match pair {
-            [Some(a), Some(b)] => !may_be_positive(a, b, slack),
-            _ => false,
-        };
-        let known: Vec<Option<Margins>> = (0..=COARSE).map(margins).collect();
-        known.windows(2).all(|pair| misses([&pair[0], &pair[1]]))
     }
 
     /// Find its rays: stretches of the border that light may go on from.

@@ -41,11 +41,35 @@ fn compiled(body: &str) -> Scene {
 fn light_jumps_at_sheets_alone() {
     for (light, scene) in [LAMP, SUN].into_iter().flat_map(|l| [(l, blocks(l)), (l, prism(l))]) {
         let bodies = Bodies::new(&scene);
-        let (ways, begins) = ways(&scene, &bodies, 0);
+        let (all, begins) = ways(&scene, &bodies, 0);
+        // Facets in one plane count as one face: what one leaves another takes over.
+        let faces = &scene.chains.faces;
+        let first = |k: u32| {
+            let f = &faces[k as usize];
+            let one = |g: &Face| g.shape == f.shape && g.n.dot(f.n) > 1.0 - 1e-9 && (g.p - f.p).dot(f.n).abs() < 1e-9;
+            (0..).zip(faces).find(|(_, g)| one(g)).map_or(k, |x| x.0)
+        };
+        let planes = |links: &[Link]| links.iter().map(|l| Link { face: first(l.face), ..*l }).collect::<Vec<Link>>();
+        let mut ways: Vec<(Vec<Link>, Vec<&Way>)> = Vec::new();
+        for way in &all {
+            let key = planes(&way.0);
+            match ways.iter_mut().find(|w| w.0 == key) {
+                Some(known) => known.1.push(way),
+                None => ways.push((key, vec![way])),
+            }
+        }
+        let brings = |own: &[&Way], y: DVec3, within: u64| {
+            let each = own.iter().map(|(links, asked)| {
+                let border = Border { ends: [DVec3::ZERO; 2], own: (0, 0), into: SmallVec::new() };
+                let (links, asked, pieces) = (links.clone(), *asked, Vec::new());
+                Sheet { light: 0, links, asked, at: 0, between: false, border, within, pieces }.arrives(&scene, y, 0)[1]
+            });
+            each.sum::<f64>()
+        };
         let sheets = of_light(&scene, &bodies, 0);
         let mut rng = Rng::keyed(7, 0, 0, 0);
         let mut jumps = 0;
-        for _ in 0..24 {
+        for _ in 0..16 {
             let mut point = || DVec3::from_array([0; 3].map(|_| 2.4 * rng.uniform() - 1.2));
             let (o, to) = (point(), point());
             let w = (to - o).normalize();
@@ -53,22 +77,10 @@ fn light_jumps_at_sheets_alone() {
             let within = bodies.holding(o + w * (0.5 * end));
             let n = 1000;
             let at = |k: usize| end * (k as f64 + 0.5) / n as f64;
-            for (links, asked) in &ways {
+            for (links, own) in &ways {
                 let passed =
                     |l: &Link| if l.through { bodies.bit(scene.chains.faces[l.face as usize].shape) } else { 0 };
-                let own = |s: &&Sheet| s.links == *links;
-                let border = Border { ends: [DVec3::ZERO; 2], own: (0, 0), into: SmallVec::new() };
-                let probe = Sheet {
-                    light: 0,
-                    links: links.clone(),
-                    asked: *asked,
-                    at: 0,
-                    between: false,
-                    border,
-                    within,
-                    pieces: Vec::new(),
-                };
-                let lit: Vec<f64> = (0..n).map(|k| probe.arrives(&scene, o + w * at(k), 0)[1]).collect();
+                let lit: Vec<f64> = (0..n).map(|k| brings(own, o + w * at(k), within)).collect();
                 let most = lit.iter().copied().fold(0.0, f64::max);
                 if most == 0.0 {
                     continue;
@@ -77,7 +89,7 @@ fn light_jumps_at_sheets_alone() {
                 assert_eq!(links.iter().fold(begins, |set, l| set ^ passed(l)), within, "{links:?}");
                 let crossings: Vec<f64> = sheets
                     .iter()
-                    .filter(own)
+                    .filter(|s| planes(&s.links) == *links)
                     .flat_map(|s| s.crossings(&scene, o, w, [0.0, end]))
                     .map(|c| c.1)
                     .collect();
@@ -93,7 +105,7 @@ fn light_jumps_at_sheets_alone() {
             }
         }
         println!("{jumps} jumps");
-        assert!(jumps > 40, "{jumps}");
+        assert!(jumps > 20, "{jumps}");
     }
 }
 
