@@ -1,4 +1,4 @@
-//! Numbers: dual numbers, random streams, warps, colours, black bodies, statistics, nearest points, pencils of rays. Imports glam only.
+//! Numbers: dual numbers, random streams, warps, colours, black bodies, statistics, nearest points, pencils of rays, roots. Imports glam only.
 
 pub mod ball_tree;
 pub mod ball_ways;
@@ -15,6 +15,7 @@ pub mod pencil;
 pub mod real;
 pub mod rgb;
 pub mod rng;
+pub mod root;
 pub mod stats;
 pub mod warp;
 

@@ -1,4 +1,5 @@
 use super::*;
+use crate::math::rng::Rng;
 use crate::scene::SceneDesc;
 use crate::scene::compile::LoadOptions;
 
@@ -62,7 +63,8 @@ fn light_jumps_at_sheets_alone() {
             let each = own.iter().map(|(links, asked)| {
                 let border = Border { ends: [DVec3::ZERO; 2], own: (0, 0), into: SmallVec::new() };
                 let (links, asked, pieces) = (links.clone(), *asked, Vec::new());
-                Sheet { light: 0, links, asked, at: 0, between: false, border, within, pieces }.arrives(&scene, y, 0)[1]
+                Sheet { light: 0, links, asked, at: 0, between: false, border, within, pieces }
+                    .arrives(&scene, y, 0, &mut 0)[1]
             });
             each.sum::<f64>()
         };
@@ -107,19 +109,4 @@ fn light_jumps_at_sheets_alone() {
         println!("{jumps} jumps");
         assert!(jumps > 20, "{jumps}");
     }
-}
-
-/// Roots between signs that differ, and a pair that no sign tells.
-#[test]
-fn roots_are_found() {
-    let ray = Ray { o: DVec3::ZERO, w: DVec3::Z };
-    let f = |s: f64| Some(((s - 0.3) * (s - 0.31), ray));
-    let at = |s: f64| (s, f(s).unwrap().0);
-    let (a, b, c) = (at(0.2), at(0.3125), at(0.4));
-    let dip = dip(a, b, c, 1.0, &f).unwrap();
-    assert!(dip.1 < 0.0);
-    assert!((root(a, dip, &f).unwrap().0 - 0.3).abs() < 1e-11 && (root(dip, c, &f).unwrap().0 - 0.31).abs() < 1e-11);
-    let none = |s: f64| Some(((s - 0.3).powi(2) + 0.01, ray));
-    let at = |s: f64| (s, none(s).unwrap().0);
-    assert!(super::dip(at(0.2), at(0.31), at(0.4), 1.0, &none).is_none());
 }

@@ -16,7 +16,7 @@ use crate::surface::Surface;
 use rayon::prelude::*;
 
 /// Faces of a smooth mesh at most: every chain of them has to be found by chance.
-const FACETS: u32 = 512;
+pub(super) const FACETS: u32 = 512;
 /// Where an edge is looked at for what it touches.
 const PLACES: [f64; 5] = [0.02, 0.27, 0.5, 0.73, 0.98];
 
@@ -35,10 +35,6 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         );
         let remedy = "only flat faces may be there: rectangles and disks that are parallel to one another, or rectangles, cubes and convex meshes where nothing is opaque; and nothing but lights, the camera and these may move; else differentiate with respect to something else";
         return Err(Error::scene(&interface.span, what, remedy));
-    }
-    let delta = scene.lights.iter().any(|l| l.is_delta());
-    if delta && (moves || motion.surfaces()) && lit && !panes::are_known(scene, motion) {
-        cast::check(scene)?;
     }
     // An index that changes moves what is behind it.
     if !motion.surfaces() {

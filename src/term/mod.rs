@@ -8,6 +8,7 @@
 pub mod arcs;
 pub mod beam_rim;
 pub mod cast;
+mod cast_sheet;
 pub mod contact;
 pub mod crossings;
 pub mod cuts;

@@ -39,7 +39,13 @@ pub fn are_clear(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -
 }
 
 pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Result<()> {
-    examine(scene, sensor, margin, motion, cast::are_known(scene, motion))
+    let turns = |m: &LightMotion| m.position || m.direction || m.angles;
+    let moves = motion.surfaces() || motion.lights.iter().any(turns);
+    let cast = moves && cast::are_known(scene, motion) && !are_clear(scene, sensor, margin, motion);
+    if cast {
+        cast::check(scene)?;
+    }
+    examine(scene, sensor, margin, motion, cast)
 }
 
 /// `cast`: such shadows are known.

@@ -63,10 +63,10 @@ fn margins(planes: &Planes, faces: &[Vec<Inward>], eye: &Eye, o: DVec3, e: DVec3
     Some(crossings.into_iter().zip(faces).flat_map(of).collect())
 }
 
-/// Where between two points, whose margins are given, all of them are positive.
-fn window(a: &Margins, b: &Margins) -> Option<[f64; 2]> {
+/// Where between two points, whose margins are given, all of them are above `-slack`.
+pub(super) fn window(a: &[f64], b: &[f64], slack: f64) -> Option<[f64; 2]> {
     let (mut lo, mut hi) = (0.0f64, 1.0f64);
-    for (&a, &b) in a.iter().zip(b) {
+    for (a, b) in a.iter().zip(b).map(|(a, b)| (a + slack, b + slack)) {
         match (a > 0.0, b > 0.0) {
             (true, true) => {}
             (false, false) => return None,
@@ -98,7 +98,9 @@ impl Shown {
                 (0..=PIECES).map(|j| margins(planes, &faces, eye, o, a.lerp(b, at(j)))).collect();
             for j in 0..PIECES {
                 let open = match (&known[j], &known[j + 1]) {
-                    (Some(a), Some(b)) => window(a, b).map(|[lo, hi]| [(lo - WIDER).max(0.0), (hi + WIDER).min(1.0)]),
+                    (Some(a), Some(b)) => {
+                        window(a, b, 0.0).map(|[lo, hi]| [(lo - WIDER).max(0.0), (hi + WIDER).min(1.0)])
+                    }
                     (None, None) => None,
                     _ => Some([0.0, 1.0]),
                 };
@@ -139,10 +141,10 @@ mod tests {
     #[test]
     fn windows_lie_where_all_margins_are_positive() {
         let at = |v: &[f64]| v.to_vec();
-        assert_eq!(window(&at(&[1.0, 2.0]), &at(&[3.0, 1.0])), Some([0.0, 1.0]));
-        assert_eq!(window(&at(&[-1.0, 2.0]), &at(&[3.0, -2.0])), Some([0.25, 0.5]));
-        assert_eq!(window(&at(&[-3.0, 1.0]), &at(&[1.0, -3.0])), None);
-        assert_eq!(window(&at(&[-1.0]), &at(&[-2.0])), None);
+        assert_eq!(window(&at(&[1.0, 2.0]), &at(&[3.0, 1.0]), 0.0), Some([0.0, 1.0]));
+        assert_eq!(window(&at(&[-1.0, 2.0]), &at(&[3.0, -2.0]), 0.0), Some([0.25, 0.5]));
+        assert_eq!(window(&at(&[-3.0, 1.0]), &at(&[1.0, -3.0]), 0.0), None);
+        assert_eq!(window(&at(&[-1.0]), &at(&[-2.0]), 0.0), None);
     }
 
     /// Whatever is drawn has its density, and all of the edges is drawn.

@@ -1,0 +1,446 @@
+//! Sheets across which light by a way of flat faces begins and ends ([`super::cast`]): rays from the points of a border, which the faces before it send light to, on by those behind.
+//!
+//! Rays are told at some places of the border: between two of them a line may meet one where the volume that both span changes its sign, or comes near to none. Stretches of a border from which no
+//! light goes on, because another face is missed or the border's own faces hide it, are left out.
+
+use super::ends;
+use super::shown::window;
+use crate::light::Origin;
+use crate::math::fermat;
+use crate::math::fold::Fold;
+use crate::math::root::{dip, root};
+use crate::math::{DVec3, Rgb};
+use crate::scene::beams::Step;
+use crate::scene::chains::{Face, Link, MOST};
+use crate::scene::{On, Scene};
+use crate::shape::Geometry;
+use crate::shape::edges::{border, sides};
+use crate::transport::record::MediumSpan;
+use crate::transport::way_motion::Slide;
+use crate::transport::{beam, chain};
+use rayon::prelude::*;
+use smallvec::SmallVec;
+
+/// Pieces of a border at least, between whose ends rays are interpolated.
+const PIECES: usize = 16;
+/// Further ones are halved so often toward where the light is nearest: near to glass little of it may be let in.
+const HALVED: i32 = 12;
+/// Halvings that find where rays of a sheet end.
+const STEPS: usize = 60;
+/// How far from opposite the directions into two faces of one plane may be.
+const FLAT: f64 = 1e-12;
+/// Distances ahead, in scene radii, that may be none: light passes two faces at the edge that they share.
+const NONE: f64 = 1e-9;
+
+/// A sheet behind a border.
+pub struct Sheet {
+    pub light: u32,
+    pub links: SmallVec<[Link; MOST]>,
+    /// How often it is looked at.
+    pub asked: f64,
+    /// The number of the border's face among the links, or of the link before which one stands that does nothing.
+    pub at: usize,
+    between: bool,
+    pub border: Border,
+    /// Bodies that its rays are in, a bit each.
+    pub within: u64,
+    /// Rays over stretches of the border, at its places in order.
+    pieces: Vec<Vec<(f64, Ray)>>,
+}
+
+/// An edge of one face or two of a shape.
+#[derive(Clone, Debug)]
+pub struct Border {
+    ends: [DVec3; 2],
+    /// The face whose matter it goes with.
+    pub own: (u32, u32),
+    /// Directions into its faces.
+    into: SmallVec<[DVec3; 2]>,
+}
+
+/// Of a sheet: unit direction.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    o: DVec3,
+    w: DVec3,
+}
+
+impl Ray {
+    /// The volume that tells on which side of the ray a line passes, and along which both run.
+    fn side(&self, o: DVec3, w: DVec3) -> f64 {
+        (self.o - o).dot(w.cross(self.w))
+    }
+
+    /// Distances on a line and on the ray at which they meet.
+    fn meets(&self, o: DVec3, w: DVec3) -> [f64; 2] {
+        let (n, off) = (w.cross(self.w), self.o - o);
+        [off.cross(self.w), off.cross(w)].map(|v| v.dot(n) / n.length_squared())
+    }
+}
+
+/// The way that goes by a border.
+pub struct Met {
+    from: Origin<f64>,
+    /// One of them may be no face.
+    steps: SmallVec<[Step; MOST]>,
+    idle: Option<usize>,
+    /// Where light meets the first of them.
+    first: DVec3,
+    /// Across the border.
+    pub m: DVec3,
+    /// Direction of the light behind all.
+    pub w: DVec3,
+}
+
+/// Convex bodies of glass, as planes: points and normals to the outside.
+pub struct Bodies(Vec<(u32, Vec<[DVec3; 2]>)>);
+
+impl Bodies {
+    /// The first 64: of others nothing is told.
+    pub fn new(scene: &Scene) -> Bodies {
+        let closed =
+            (0..).zip(&scene.shapes).filter(|(id, s)| scene.surface_of(*id).is_smooth() && s.shape.is_closed());
+        let planes = |id: u32| {
+            let faces = || scene.chains.faces.iter().filter(|f| f.shape == id);
+            let c = faces().map(|f| f.p).sum::<DVec3>() / faces().count().max(1) as f64;
+            faces().map(|f| [f.p, if f.n.dot(f.p - c) < 0.0 { -f.n } else { f.n }]).collect()
+        };
+        Bodies(closed.take(64).map(|(id, _)| (id, planes(id))).collect())
+    }
+
+    /// Those that hold a point.
+    fn holding(&self, p: DVec3) -> u64 {
+        let holds = |planes: &[[DVec3; 2]]| planes.iter().all(|[o, n]| n.dot(p - *o) < 0.0);
+        self.0.iter().enumerate().filter(|(_, b)| holds(&b.1)).fold(0, |set, (k, _)| set | 1 << k)
+    }
+
+    /// Those that a span lies in: it ends at what is smooth.
+    pub fn around(&self, span: &MediumSpan) -> u64 {
+        let t = if span.t1.is_finite() { 0.5 * (span.t0 + span.t1) } else { f64::MAX.sqrt() };
+        self.holding(span.o + span.w * t)
+    }
+
+    /// Whether light that comes from within the bodies `holding` may meet a face: of others only from outside.
+    fn are_met(&self, f: &Face, from: Origin<f64>, holding: u64) -> bool {
+        let Some(k) = self.0.iter().position(|b| b.0 == f.shape).filter(|k| holding >> k & 1 == 0) else { return true };
+        let inner = self.0[k].1.iter().map(|x| x[0]).sum::<DVec3>() / self.0[k].1.len() as f64;
+        f.is_before(from) == ((inner - f.p).dot(f.n) < 0.0)
+    }
+
+    fn bit(&self, shape: u32) -> u64 {
+        self.0.iter().position(|b| b.0 == shape).map_or(0, |k| 1 << k)
+    }
+}
+
+/// Steps, each with where it is taken.
+type Taken = SmallVec<[(Step, DVec3); MOST]>;
+
+/// Faces in turn, and how often they are asked for.
+type Way = (SmallVec<[Link; MOST]>, f64);
+
+/// All ways of a light, and the bodies that it is in.
+fn ways(scene: &Scene, bodies: &Bodies, id: u32) -> (Vec<Way>, u64) {
+    let light = &scene.lights[id as usize];
+    let Some(from) = light.origin() else { return (Vec::new(), 0) };
+    let faces = &scene.chains.faces;
+    let begins = light.center().map_or(0, |q| bodies.holding(q));
+    // Facets of meshes are in the list by themselves.
+    let alone = (0..).zip(faces).filter(|(_, f)| !f.is_facet() && bodies.are_met(f, from, begins));
+    let single = alone.flat_map(|(face, f)| {
+        let (front, through) = (f.is_before(from), scene.surface_of(f.shape).is_transparent());
+        let link = |through| (SmallVec::from_iter([Link { face, front, through }]), 1.0);
+        std::iter::once(link(false)).chain(through.then(|| link(true)))
+    });
+    let listed = scene.chains.list.iter().filter(|c| c.light == id).map(|c| (c.links.clone(), c.asked));
+    (std::iter::once((SmallVec::new(), 1.0)).chain(single).chain(listed).collect(), begins)
+}
+
+/// All sheets of a light that it may go on from.
+pub fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
+    let faces = &scene.chains.faces;
+    let (ways, begins) = ways(scene, bodies, id);
+    let borders = borders(scene);
+    let ends: Vec<Vec<[DVec3; 2]>> = faces.iter().map(|f| ends_of(scene, &borders, f)).collect();
+    let of_way = |(links, asked): &Way| {
+        let passed = |l: &Link| if l.through { bodies.bit(faces[l.face as usize].shape) } else { 0 };
+        let within = links.iter().fold(begins, |set, l| set ^ passed(l));
+        let mut sheets = Vec::new();
+        let mut add = |at: usize, between: bool, border: Border| {
+            let (links, asked) = (links.clone(), *asked);
+            let mut sheet = Sheet { light: id, links, asked, at, between, border, within, pieces: Vec::new() };
+            sheet.trace(scene);
+            sheets.extend(Some(sheet).filter(|s| !s.pieces.is_empty()));
+        };
+        for (at, link) in links.iter().enumerate() {
+            let face = &faces[link.face as usize];
+            let before = at.checked_sub(1).map(|k| &faces[links[k].face as usize]);
+            let shared = |ends: &[DVec3; 2]| before.is_some_and(|b| edges(b).any(|other| is_same(scene, ends, &other)));
+            for &ends in ends[link.face as usize].iter().filter(|ends| !shared(ends)) {
+                add(at, false, Border { ends, own: (face.shape, face.face), into: SmallVec::new() });
+            }
+        }
+        for at in 0..=links.len() {
+            // Convex bodies do not stand on lines that end on them.
+            let around = [at.checked_sub(1), Some(at)].map(|k| Some(faces[links.get(k?)?.face as usize].shape));
+            for b in borders.iter().filter(|b| !around.contains(&Some(b.own.0))) {
+                add(at, true, b.clone());
+            }
+        }
+        sheets
+    };
+    ways.par_iter().flat_map_iter(of_way).collect()
+}
+
+/// The borders of a face. Of two facets in one plane either takes over what the other leaves.
+fn ends_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<[DVec3; 2]> {
+    let counts = |ends: &[DVec3; 2]| borders.iter().any(|b| b.own.0 == face.shape && is_same(scene, &b.ends, ends));
+    edges(face).filter(counts).collect()
+}
+
+/// How many sheets a light has at most.
+pub fn count(scene: &Scene, bodies: &Bodies, id: u32) -> usize {
+    let borders = borders(scene).len();
+    ways(scene, bodies, id).0.iter().map(|(links, _)| 4 * links.len() + (links.len() + 1) * borders).sum()
+}
+
+fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {
+    border(face.corners())
+}
+
+/// All edges of what is smooth, each once, but those within a plane.
+fn borders(scene: &Scene) -> Vec<Border> {
+    let mut found: Vec<Border> = Vec::new();
+    for f in &scene.chains.faces {
+        for (ends, (_, into)) in edges(f).zip(sides(f.corners())) {
+            match found.iter_mut().find(|b| b.own.0 == f.shape && is_same(scene, &b.ends, &ends)) {
+                Some(known) => known.into.push(into),
+                None => found.push(Border { ends, own: (f.shape, f.face), into: SmallVec::from_iter([into]) }),
+            }
+        }
+    }
+    // Within a plane there is none.
+    found.retain(|b| !matches!(b.into[..], [a, c] if a.dot(c) < FLAT - 1.0));
+    found
+}
+
+fn is_same(scene: &Scene, [a, b]: &[DVec3; 2], [c, d]: &[DVec3; 2]) -> bool {
+    let near = |x: &DVec3, y: &DVec3| (*x - *y).length() <= ends::contact(scene);
+    near(a, c) && near(b, d) || near(a, d) && near(b, c)
+}
+
+impl Met {
+    /// How the point where it meets the border's plane moves, number `plane` on the way, as it leads to y.
+    pub fn slide<'a>(&'a self, scene: &'a Scene, plane: usize, y: DVec3) -> Option<Slide<'a>> {
+        Slide::new(scene, self.from, (&self.steps, self.idle), [self.first, y], plane)
+    }
+}
+
+impl Sheet {
+    pub fn point(&self, s: f64) -> DVec3 {
+        self.border.ends[0].lerp(self.border.ends[1], s)
+    }
+
+    fn along(&self) -> DVec3 {
+        (self.border.ends[1] - self.border.ends[0]).normalize()
+    }
+
+    fn from(&self, scene: &Scene) -> Option<Origin<f64>> {
+        scene.lights[self.light as usize].origin()
+    }
+
+    /// The direction of light at the point z of the border.
+    fn comes(&self, scene: &Scene, z: DVec3) -> Option<DVec3> {
+        let from = self.from(scene)?;
+        if self.at == 0 {
+            return match from {
+                Origin::Position(q) => (z - q.value()).try_normalize(),
+                Origin::Infinity(w) => Some(w.value()),
+            };
+        }
+        match chain::arrival(scene, &self.links[..self.at], from, z, false) {
+            fermat::Way::Found(w) => Some(w),
+            fermat::Way::None | fermat::Way::Lost => None,
+        }
+    }
+
+    /// The steps of light that comes along w to the point z of the border and goes on, each with where it is taken.
+    fn leaves(&self, scene: &Scene, z: DVec3, w: DVec3) -> Option<(Taken, Ray)> {
+        let mut ray = Ray { o: z, w };
+        let mut steps = SmallVec::new();
+        for link in &self.links[self.at..] {
+            let (face, f): (_, Fold) = (&scene.chains.faces[link.face as usize], scene.chains.fold(scene, link));
+            let c = ray.w.dot(f.n);
+            let t = (f.p - ray.o).dot(f.n) / c;
+            // Rounding puts the border on either side of its own plane.
+            let ahead = t > -NONE * scene.bounds.radius() && t.is_finite();
+            if !ahead || (c < 0.0) != link.front {
+                return None;
+            }
+            let behind = f.behind(ray.w)?;
+            let (shape, face) = (face.shape, face.face);
+            let step = Step { shape, face, p: f.p, n: f.n, before: ray.w, behind, through: f.through };
+            ray = Ray { o: ray.o + ray.w * t, w: behind };
+            steps.push((step, ray.o));
+        }
+        Some((steps, ray))
+    }
+
+    fn ray(&self, scene: &Scene, s: f64) -> Option<Ray> {
+        let z = self.point(s);
+        Some(self.leaves(scene, z, self.comes(scene, z)?)?.1)
+    }
+
+    /// A ray, and how far within their faces all is that it meets but the border: none of them below 0, or no light comes.
+    fn known(&self, scene: &Scene, s: f64) -> Option<(Ray, Margins)> {
+        let z = self.point(s);
+        let comes = self.comes(scene, z)?;
+        let (_, before, _) = chain::steps(scene, &self.links[..self.at], (z, comes), false)?;
+        let (behind, ray) = self.leaves(scene, z, comes)?;
+        let faces = |links: &[Link]| links.iter().map(|l| &scene.chains.faces[l.face as usize]).collect::<Vec<_>>();
+        let (first, last) = (faces(&self.links[..self.at]), faces(&self.links[self.at..]));
+        let mut margins: Margins = first.iter().rev().zip(&before).flat_map(|(f, p)| f.depths(*p)).collect();
+        // Its own plane is met at the border.
+        let own = usize::from(!self.between);
+        margins.extend(last.iter().zip(&behind).skip(own).flat_map(|(f, (_, p))| f.depths(*p)));
+        if let (true, [a, b]) = (self.between, &self.border.into[..]) {
+            // Faces on either side of the ray hide both.
+            let across = comes.cross(self.along());
+            margins.push(across.dot(*a) * across.dot(*b) * scene.bounds.radius());
+        }
+        Some((ray, margins))
+    }
+
+    /// Places of the border between which rays are looked for.
+    fn places(&self, scene: &Scene) -> Vec<f64> {
+        let mut places: Vec<f64> = (0..=PIECES).map(|k| k as f64 / PIECES as f64).collect();
+        if let Some(q) = scene.lights[self.light as usize].center().filter(|_| self.at == 0) {
+            let [a, b] = self.border.ends;
+            let foot = (q - a).dot(b - a) / (b - a).length_squared();
+            let graded = (1..=HALVED).flat_map(|k| [-1.0, 1.0].map(|side| foot + side * 0.5f64.powi(k)));
+            places.extend(graded.chain([foot]).filter(|s| *s > 0.0 && *s < 1.0));
+        }
+        places.sort_by(f64::total_cmp);
+        places.dedup();
+        places
+    }
+
+    /// Find its rays: stretches of the border that light may go on from.
+    fn trace(&mut self, scene: &Scene) {
+        let known: Vec<(f64, Option<(Ray, Margins)>)> =
+            self.places(scene).into_iter().map(|s| (s, self.known(scene, s))).collect();
+        // Faces in turn that share the border are met on it.
+        let slack = NONE * scene.bounds.radius();
+        let mut piece: Vec<(f64, Ray)> = Vec::new();
+        for pair in known.windows(2) {
+            let [(a, first), (b, second)] = [&pair[0], &pair[1]].map(|(s, k)| (*s, k.as_ref()));
+            let part: SmallVec<[(f64, Ray); 2]> = match (first, second) {
+                (Some((r, m)), Some((q, n))) if window(m, n, slack).is_some() => {
+                    SmallVec::from_iter([(a, *r), (b, *q)])
+                }
+                (Some((r, _)), None) => std::iter::once((a, *r)).chain(self.end(scene, a, b)).collect(),
+                (None, Some((q, _))) => self.end(scene, b, a).into_iter().chain([(b, *q)]).collect(),
+                _ => SmallVec::new(),
+            };
+            let goes_on = piece.last().zip(part.first()).is_some_and(|(x, y)| x.0 == y.0);
+            if !goes_on {
+                self.pieces.push(std::mem::take(&mut piece));
+            }
+            piece.extend(part.into_iter().skip(usize::from(goes_on)));
+        }
+        self.pieces.push(piece);
+        self.pieces.retain(|p| p.len() > 1);
+    }
+
+    /// The last place with a ray, from one that has one to one that has none.
+    fn end(&self, scene: &Scene, has: f64, has_none: f64) -> Option<(f64, Ray)> {
+        let (mut a, mut b, mut found) = (has, has_none, None);
+        for _ in 0..STEPS {
+            let s = 0.5 * (a + b);
+            match self.ray(scene, s) {
+                Some(r) => (a, found) = (s, Some((s, r))),
+                None => b = s,
+            }
+        }
+        found
+    }
+
+    /// Where the part of a line meets its rays: places on the border, and distances on the line.
+    pub fn crossings(&self, scene: &Scene, o: DVec3, w: DVec3, [t0, t1]: [f64; 2]) -> SmallVec<[(f64, f64); 2]> {
+        let mut found = SmallVec::new();
+        let mut add = |s: f64, ray: &Ray| {
+            let [t, rho] = ray.meets(o, w);
+            if t > t0 && t < t1 && rho > 0.0 {
+                found.push((s, t));
+            }
+        };
+        let side = |s: f64| self.ray(scene, s).map(|r| (r.side(o, w), r));
+        for piece in &self.pieces {
+            let known: SmallVec<[(f64, f64); PIECES]> = piece.iter().map(|(s, r)| (*s, r.side(o, w))).collect();
+            for k in 0..known.len() {
+                let here = known[k];
+                if let Some(next) = known.get(k + 1).filter(|next| (next.1 < 0.0) != (here.1 < 0.0)) {
+                    if let Some((s, ray)) = root(here, *next, &side) {
+                        add(s, &ray);
+                    }
+                }
+                // Two between, that signs do not tell: where the least of three is in the middle.
+                let (Some(last), Some(next)) = (k.checked_sub(1).map(|k| known[k]), known.get(k + 1)) else { continue };
+                let alike = [last.1, next.1].iter().all(|x| (*x < 0.0) == (here.1 < 0.0) && x.abs() >= here.1.abs());
+                if !alike {
+                    continue;
+                }
+                let sign = if here.1 < 0.0 { -1.0 } else { 1.0 };
+                if let Some(turned) = dip(last, here, *next, sign, &side) {
+                    for pair in [[last, turned], [turned, *next]] {
+                        if let Some((s, ray)) = root(pair[0], pair[1], &side) {
+                            add(s, &ray);
+                        }
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// The way by a place of the border.
+    pub fn met(&self, scene: &Scene, s: f64) -> Option<Met> {
+        let z = self.point(s);
+        let comes = self.comes(scene, z)?;
+        let (before, points, _) = chain::steps(scene, &self.links[..self.at], (z, comes), false)?;
+        let (behind, ray) = self.leaves(scene, z, comes)?;
+        let along = self.along();
+        let (mut steps, mut idle) = (SmallVec::from_vec(before), None);
+        let m = if self.between {
+            let n = (comes - along * comes.dot(along)).try_normalize()?;
+            let (shape, face) = self.border.own;
+            idle = Some(steps.len());
+            steps.push(Step { shape, face, p: z, n, before: comes, behind: comes, through: true });
+            n.cross(along)
+        } else {
+            let face = &scene.chains.faces[self.links[self.at].face as usize];
+            face.n.cross(along)
+        };
+        steps.extend(behind.into_iter().map(|s| s.0));
+        let first = points.last().copied().unwrap_or(z);
+        Some(Met { from: self.from(scene)?, steps, idle, first, m, w: ray.w })
+    }
+
+    /// Irradiance across its direction that the light brings to y by the faces; none where it does not come. Searches that do not settle are counted.
+    pub fn arrives(&self, scene: &Scene, y: DVec3, medium: u32, unsettled: &mut u64) -> Rgb {
+        let light = &scene.lights[self.light as usize];
+        let mut found = || {
+            let (way, points) = chain::way(scene, (self.light, &self.links), self.from(scene)?, y, unsettled)?;
+            let emission = light.emission_toward(points.last().copied().unwrap_or(y))?;
+            let clear = beam::clear(scene, &way, &points, (y, On::default(), Some(medium)), &mut |_| {})?;
+            Some(emission.color() * clear * way.gain)
+        };
+        found().unwrap_or(Rgb::ZERO)
+    }
+}
+
+/// How far within borders: [`Sheet::known`].
+type Margins = SmallVec<[f64; 16]>;
+
+#[cfg(test)]
+#[path = "cast_tests.rs"]
+mod tests;
