@@ -45,6 +45,9 @@ struct Even {
 
 /// Coordinates of a stream, a multiple of four; as many belong to the stream beside it ([`Rng::beside`]).
 const COORDINATES: u32 = 32;
+/// Coordinates of a branch ([`Rng::branch`]), a multiple of four, and branches that have any: tables hold 256 in all.
+const BRANCH: u32 = 16;
+const BRANCHES: u32 = 12;
 /// Points of one scrambling: what the tables hold.
 const POINTS: u64 = 1 << 16;
 
@@ -105,6 +108,14 @@ impl Rng {
     pub fn beside(&self, key: u64) -> Self {
         let even = Even { next: COORDINATES, end: 2 * COORDINATES, ..self.even };
         Rng { even: if self.even.end > 0 { even } else { Even::NONE }, ..Rng::keyed(key, Purpose::Motion as u64, 0, 0) }
+    }
+
+    /// The stream of the `k`-th branch of a path, its first numbers even by themselves; this one goes on with the same coordinates. Paths have [`BRANCHES`] of them, what is behind is not even.
+    pub fn branch(&mut self, k: u32) -> Self {
+        let first = 2 * COORDINATES + BRANCH * k;
+        let even = Even { next: first, end: first + BRANCH, ..self.even };
+        let is_even = self.even.end > 0 && k < BRANCHES;
+        Rng { even: if is_even { even } else { Even::NONE }, ..Rng::keyed(self.next_u64(), Purpose::Path as u64, 0, 0) }
     }
 
     /// A stream apart, by where this one is; it goes on as if nothing had been asked of it.

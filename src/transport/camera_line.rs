@@ -85,11 +85,9 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, s: &mut State) {
     // Follow both parts, or one of them.
     let scattered = scatters && share.scatter > 0.0 && (share.both || s.rng.uniform() < share.scatter);
     if scattered && share.both && !transmitted.is_zero() {
-        let waiting = s.pending.take();
-        let mut passing = Box::new(s.clone());
+        let mut passing = s.branch(1 + s.depth);
         unscattered(&mut passing, end, prefix * transmitted);
         record_passing(w, &mut passing, pieces, true);
-        passing.pending = waiting;
         s.pending = Some(passing);
     }
     if scattered {

@@ -11,27 +11,12 @@
 use super::record::{Event, Recorder};
 use super::walk::{Stage, State, Walker};
 use crate::math::DVec3;
-use crate::math::rng::Rng;
 use crate::scene::{Hit, Scene};
 use crate::shape::edges::to_border;
 use crate::surface::Surface;
 
 /// How far away from what slides paths are walked in pairs: in mean free paths, or in the scene's diameters where those are shorter.
 const NEAR: f64 = 0.05;
-
-/// With what a walk goes on after the mirrored path: the streams that it had come to, and its steps.
-#[derive(Clone, Debug)]
-pub struct Resume {
-    pub rng: Rng,
-    pub aside: Rng,
-    pub steps: u64,
-}
-
-impl Resume {
-    pub fn of(s: &State) -> Resume {
-        Resume { rng: s.rng, aside: s.aside, steps: s.steps }
-    }
-}
 
 /// Whether what follows this vertex is walked in pairs at all; it depends on nothing behind it.
 fn fits<R: Recorder>(w: &Walker<R>, s: &State) -> bool {
@@ -69,7 +54,7 @@ pub fn split<R: Recorder>(w: &mut Walker<R>, s: &mut State, own: Option<Event>, 
     leave(&mut other);
     other.stage = Stage::Fly;
     other.lead = lead.into_iter().chain(own).collect();
-    other.mirrored = Some(Box::new(Resume::of(s)));
+    other.mirrored = Some(Box::new(s.aside));
     s.pending = Some(Box::new(other));
 }
 

@@ -52,14 +52,5 @@ pub fn sample(scene: &Scene, set: &Settings, mut state: State, tally: &mut Tally
     let mut w = walk::Walker::new(scene, set, &mut rec);
     w.trace(&mut state);
     *tally = tally.plus(&w.tally);
-    w.value
-}
-
-/// The value of one that has come to a state, with what it is worth so far.
-fn go_on(scene: &Scene, set: &Settings, (state, value): (State, Rgb)) -> Rgb {
-    let mut rec = NoRecord;
-    let mut w = walk::Walker::new(scene, set, &mut rec);
-    w.value = value;
-    w.run(state.plain());
-    w.value
+    w.total()
 }

@@ -10,7 +10,7 @@ use super::ray::Specular;
 use super::sweep::{Candidates, SweepFacts};
 use super::twin::Ways;
 use super::vertex::Vertex;
-use super::walk::{Flight, Stage, State, Walker};
+use super::walk::{Flight, Parted, Stage, State, Walker};
 use super::way_motion::WayAim;
 use crate::light::{Arrival, Emission};
 use crate::math::rng::Rng;
@@ -233,8 +233,15 @@ pub trait Recorder {
     fn checkpoint(&mut self, _scene: &Scene, _state: &State) -> bool {
         false
     }
-    /// Called before every stage that the picture's own path may leave this one at, which looks beside critical angles.
-    fn parts(&mut self, _state: &State, _value: Rgb) {}
+    /// Called where the picture's own chain may leave this one, which looks beside critical angles, with what the chains before and this one have come to. True where
+    /// the picture's is to be known.
+    fn parts(&mut self, _state: &State, _value: [Rgb; 2]) -> bool {
+        false
+    }
+    /// The chain that parted, if one has.
+    fn parted(&mut self) -> Option<Box<Parted>> {
+        None
+    }
     /// A medium span of the camera line without end and without extinction: no candidate can be drawn.
     fn unbounded(&mut self, _medium: u32) {}
     /// The bit in [`State::left`] of a light that moves: its connections are then recorded as [`Event::Aim`] too.
@@ -315,9 +322,9 @@ pub struct PathRecord {
     pub borders: bool,
     /// What walks have added after at least one scattering.
     pub scattered: Rgb,
-    /// Whether the picture's own path is to be kept where it parts, and that, with its value so far.
+    /// Whether the picture's own chains are to be kept where they part, and the one that has.
     pub parts: bool,
-    pub parted: Option<Box<(State, Rgb)>>,
+    parted: Option<Box<Parted>>,
     /// Legs of all chains of complete chunks ([`Opening`]).
     pub legs: Vec<Leg>,
     /// What these have come to.
@@ -473,10 +480,15 @@ impl Recorder for PathRecord {
         false
     }
 
-    fn parts(&mut self, state: &State, value: Rgb) {
-        if self.parts && self.parted.is_none() {
-            self.parted = Some(Box::new((state.clone(), value)));
+    fn parts(&mut self, state: &State, value: [Rgb; 2]) -> bool {
+        if self.parts {
+            self.parted = Some(Box::new((state.plain(), value)));
         }
+        self.parts
+    }
+
+    fn parted(&mut self) -> Option<Box<Parted>> {
+        self.parted.take()
     }
 
     fn unbounded(&mut self, medium: u32) {

@@ -9,7 +9,7 @@ use super::ray::Specular;
 use super::record::{Event, Recorder};
 use super::walk::{Flight, Stage, State, Walker};
 use crate::math::DVec3;
-use crate::scene::{Hit, On};
+use crate::scene::{Hit, On, Scene};
 use crate::surface::{Ray, Surface};
 
 /// Interfaces in a row before paths begin to be given up: mirrors that face each other hold light for ever.
@@ -34,6 +34,18 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
     let rays = rays.map(|r| r.filter(|r| !w.is_lost(k, behind(r))));
     let tolerance = w.scene.tolerance(hit.p);
     let first = s.direct && s.depth == 0;
+    // The probability of the mirrored ray where one of two is followed.
+    let f = match &rays {
+        [Some(mirrored), Some(_)] if !first => {
+            let f = share(w.scene, s, s.drawn.is_some(), mirrored);
+            if R::ON && f != share(w.scene, s, false, mirrored) {
+                s.stage = Stage::Reflect(*hit);
+                w.part(s);
+            }
+            f
+        }
+        _ => 0.0,
+    };
     s.depth = k;
     s.in_a_row += 1;
     s.o = hit.p;
@@ -72,19 +84,12 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         [None, None] => s.stage = Stage::Done,
         [Some(r), None] | [None, Some(r)] => follow(s, &r, 1.0, false),
         [Some(mirrored), Some(refracted)] if first => {
-            let waiting = s.pending.take();
-            let mut other = Box::new(State { pending: waiting, ..s.clone() });
+            let mut other = s.branch(0);
             follow(&mut other, &mirrored, 1.0, true);
             follow(s, &refracted, 1.0, false);
             s.pending = Some(other);
         }
         [Some(mirrored), Some(refracted)] => {
-            let f = mirrored.weight.mean();
-            // Fewer at each further one, or weights of light that goes round in a block would multiply without bound.
-            let beside = LEAST_THROUGH / (1u64 << s.in_a_row.saturating_sub(1).min(63)) as f64;
-            let least = if s.drawn.is_some() { beside } else { w.scene.least_through };
-            // On a camera line the share may be as small as rounding, and still be all that is seen against the dark.
-            let f = f.max(if s.direct && s.in_a_row <= 2 { LEAST_MIRRORED } else { 0.0 }).min(1.0 - least);
             if s.rng.uniform() < f {
                 follow(s, &mirrored, f, false);
             } else {
@@ -92,6 +97,15 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
             }
         }
     }
+}
+
+/// How often the mirrored one of two rays is followed, on paths that look beside critical angles or do not.
+fn share(scene: &Scene, s: &State, beside: bool, mirrored: &Ray) -> f64 {
+    let row = s.in_a_row;
+    // Fewer at each further one, or weights of light that goes round in a block would multiply without bound.
+    let least = if beside { LEAST_THROUGH / (1u64 << row.min(63)) as f64 } else { scene.least_through };
+    // On a camera line the share may be as small as rounding, and still be all that is seen against the dark.
+    mirrored.weight.mean().max(if s.direct && row <= 1 { LEAST_MIRRORED } else { 0.0 }).min(1.0 - least)
 }
 
 /// What a ray along w starts on behind the surface. Where faces coincide: what it has just left stays behind one that goes through, may be met again by one that is mirrored outside, and

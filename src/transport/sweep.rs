@@ -330,16 +330,14 @@ impl Sweep<'_> {
         let first = state.clone();
         // The line itself is another one around poles, and weighs points that are drawn on it against directions.
         let parts = state.poles.is_none() && !self.scene.draws_on_spans();
-        (rec.parts, rec.parted) = (beside && parts, None);
+        rec.parts = beside && parts;
         let mut w = Walker::new(self.scene, self.set, rec);
         w.trace(&mut state);
-        let mut value = w.value;
+        let mut value = w.total();
         *tally = tally.plus(&w.tally);
         rec.parts = false;
         if beside && !parts {
-            value = super::sample(self.scene, self.set, first.clone().plain(), &mut Tally::default());
-        } else if let Some(parted) = rec.parted.take() {
-            value = super::go_on(self.scene, self.set, *parted);
+            value = super::sample(self.scene, self.set, first.plain(), &mut Tally::default());
         }
         let mut lottery = Lottery::new(spans, rec.scattered);
         let Some(mut candidates) = rec.candidates.take() else { return value };
@@ -590,9 +588,10 @@ impl Sweep<'_> {
                 let drawn = flight.drawn;
                 s = State { stage: Stage::Medium, flight, drawn, o: p, w: direction, medium: Some(medium), ..s };
                 w.run(s);
+                let value = w.total();
                 let m = &self.scene.media[medium as usize];
                 let (_, sigma_s) = m.coefficients(p);
-                let l = Rgb::from_fn(|c| w.value[c] * weight[c] * m.kappa / (sigma_s[c] + m.kappa));
+                let l = Rgb::from_fn(|c| value[c] * weight[c] * m.kappa / (sigma_s[c] + m.kappa));
                 m.sigma_s_partials(self.params, p, |slot, d| sink.add(slot, d * l));
             }
             Vertex::Border(place) => {
@@ -600,15 +599,16 @@ impl Sweep<'_> {
                 s = State { stage: Stage::Medium, o: place.inside(self.scene), w: place.w, medium, ..s };
                 w.run(s);
                 let sigma_s = self.scene.media[place.medium as usize].coefficients(place.p).1;
-                place.score(self.scene, w.value * weight * sigma_s, sink);
+                place.score(self.scene, w.total() * weight * sigma_s, sink);
             }
             Vertex::Surface { surface, hit, wi, medium } => {
                 s = State { o: hit.p, w: -wi, on: On::at(&hit), medium, unit_reflectance: true, ..s };
                 s.stage = Stage::Reflect(hit);
                 w.run(s);
+                let value = w.total();
                 if let Surface::Diffuse { reflectance, slot, .. } = &self.scene.surfaces[surface as usize] {
                     for c in 0..3 {
-                        let l = w.value[c] * weight[c] * KAPPA_RHO / (reflectance[c] + KAPPA_RHO);
+                        let l = value[c] * weight[c] * KAPPA_RHO / (reflectance[c] + KAPPA_RHO);
                         sink.add(slot + c as Slot, Rgb::channel(c, l));
                     }
                 }

@@ -9,9 +9,9 @@
 //! the geometry alone, so the weights sum to one whatever the tracking inside them did.
 
 use super::lead::Lead;
-use super::mirror::{self, Resume};
+use super::mirror;
 use super::poles::Poles;
-use super::record::{End, Event, MediumSpan, Prefix, Recorder};
+use super::record::{End, Event, MediumSpan, NoRecord, Prefix, Recorder};
 use super::tracking;
 use super::twin::{self, Twin};
 use super::vertex::{Facing, Vertex};
@@ -77,8 +77,8 @@ pub struct State {
     pub twin: Option<(u32, f64)>,
     /// First surface vertex of a derivative continuation: its reflectance counts as 1.
     pub unit_reflectance: bool,
-    /// Of a mirrored path: how the walk goes on after it ([`mirror`]).
-    pub mirrored: Option<Box<Resume>>,
+    /// Of a mirrored path ([`mirror`]): the stream aside that the walk goes on with after it.
+    pub mirrored: Option<Box<Rng>>,
     /// The second chain: the unscattered part of the camera line.
     pub pending: Option<Box<State>>,
     /// Spans of the camera line up to here, and what turned it, for the records of all chains that begin with them; of a mirrored path, its chain's events up to the first vertex, too.
@@ -91,6 +91,8 @@ pub struct State {
     pub poles: Option<Arc<Poles>>,
     /// Directions drawn since the camera, on paths that look beside critical angles ([`crate::scene::critical`]).
     pub drawn: Option<u32>,
+    /// Whether it has gone another way than the picture's own path for that.
+    pub astray: bool,
     pub rng: Rng,
     /// A stream beside the path's own, for what only derivatives ask for.
     pub aside: Rng,
@@ -116,24 +118,27 @@ impl State {
         (self.pdf_direction > 0.0).then_some((self.vertex, self.pdf_direction))
     }
 
-    /// Whether directions drawn beside critical angles may come about at the next stage: not at the first interface, where both rays are followed.
+    /// Whether directions drawn beside critical angles may come about at the next stage, which is not at a smooth interface.
     fn looks_beside(&self, scene: &Scene) -> bool {
         match self.stage {
-            Stage::Medium | Stage::Reflect(_) => true,
-            Stage::Surface(h) => !(self.direct && self.depth == 0 && scene.surface_of(h.shape).is_smooth()),
+            Stage::Medium => true,
+            Stage::Surface(h) | Stage::Reflect(h) => !scene.surface_of(h.shape).is_smooth(),
             _ => false,
         }
     }
 
-    /// The same path, and all that wait, without a look beside critical angles.
+    /// This chain without a look beside critical angles, for a walk without a record.
     #[must_use]
-    pub fn plain(mut self) -> Self {
-        let mut next = Some(&mut self);
-        while let Some(s) = next {
-            (s.drawn, s.flight.drawn) = (None, None);
-            next = s.pending.as_deref_mut();
-        }
-        self
+    pub fn plain(&self) -> Self {
+        let flight = Flight { drawn: None, ..self.flight };
+        State { drawn: None, flight, mirrored: None, pending: None, lead: Lead::default(), poles: None, ..*self }
+    }
+
+    /// What is to be followed besides, in a chain of its own: the `k`-th of its path.
+    pub fn branch(&mut self, k: u32) -> Box<State> {
+        let waiting = self.pending.take();
+        let rng = self.rng.branch(k);
+        Box::new(State { pending: waiting, rng, ..self.clone() })
     }
 
     /// Go on behind an interface, straight.
@@ -170,6 +175,7 @@ impl State {
             in_a_row: 0,
             poles: None,
             drawn: None,
+            astray: false,
             rng,
             aside: rng,
             steps: 0,
@@ -210,11 +216,25 @@ impl Tally {
     }
 }
 
+/// A chain that parted, as it was, with what those before it and itself had come to.
+pub type Parted = (State, [Rgb; 2]);
+
+/// The total of one and of all that wait behind it.
+fn go_on(scene: &Scene, set: &Settings, (state, [done, value]): Parted) -> Rgb {
+    let mut rec = NoRecord;
+    let mut w = Walker { value, done, ..Walker::new(scene, set, &mut rec) };
+    w.run(state);
+    w.total()
+}
+
 pub struct Walker<'a, R: Recorder> {
     pub scene: &'a Scene,
     pub set: &'a Settings,
     pub rec: &'a mut R,
+    /// What the chain at hand has come to.
     pub value: Rgb,
+    /// What the chains before it have.
+    done: Rgb,
     /// The value before a mirrored path.
     kept: Rgb,
     pub tally: Tally,
@@ -222,7 +242,7 @@ pub struct Walker<'a, R: Recorder> {
 
 impl<'a, R: Recorder> Walker<'a, R> {
     pub fn new(scene: &'a Scene, set: &'a Settings, rec: &'a mut R) -> Self {
-        Walker { scene, set, rec, value: Rgb::ZERO, kept: Rgb::ZERO, tally: Tally::default() }
+        Walker { scene, set, rec, value: Rgb::ZERO, done: Rgb::ZERO, kept: Rgb::ZERO, tally: Tally::default() }
     }
 
     /// A camera path from its beginning.
@@ -242,7 +262,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 return;
             }
             if R::ON && s.drawn.is_some() && s.looks_beside(self.scene) {
-                self.rec.parts(s, self.value);
+                self.part(s);
             }
             s.steps += 1;
             if s.steps > self.set.cap {
@@ -261,21 +281,45 @@ impl<'a, R: Recorder> Walker<'a, R> {
                     s.stage = Stage::Done;
                 }
                 Stage::Done => {
-                    let mut now = Resume::of(s);
-                    if let Some(resume) = s.mirrored.take() {
-                        (now, self.value) = (*resume, self.kept);
+                    let mut aside = s.aside;
+                    if let Some(kept) = s.mirrored.take() {
+                        (aside, self.value) = (*kept, self.kept);
                     }
-                    let Some(next) = s.pending.take() else { return };
-                    *s = *next;
-                    if let Some(resume) = &mut s.mirrored {
-                        (**resume, self.kept) = (now, self.value * 2.0);
+                    let Some(next) = s.pending.take() else { return self.close(s.astray) };
+                    let astray = std::mem::replace(s, *next).astray;
+                    if let Some(kept) = &mut s.mirrored {
+                        (**kept, self.kept) = (aside, self.value * 2.0);
                     } else {
-                        (s.rng, s.aside, s.steps) = (now.rng, now.aside, now.steps);
+                        self.close(astray);
+                        s.aside = aside;
                     }
                     camera_line::chain(self, s);
                 }
             }
         }
+    }
+
+    /// What all chains have come to. Where the record's path goes other ways than the picture's, it is the picture's value.
+    pub fn total(&self) -> Rgb {
+        self.done + self.value
+    }
+
+    /// The picture's own chain parts from the record's at this stage.
+    pub(super) fn part(&mut self, s: &mut State) {
+        if !s.astray {
+            s.astray = self.rec.parts(s, [self.done, self.value]);
+        }
+    }
+
+    /// The chain is over.
+    fn close(&mut self, astray: bool) {
+        self.done = match self.rec.parted() {
+            Some(parted) => go_on(self.scene, self.set, *parted),
+            // Of what went astray before it branched off the picture knows nothing.
+            None if astray => self.done,
+            None => self.total(),
+        };
+        self.value = Rgb::ZERO;
     }
 
     /// From `o` along `w` to a collision, a surface, or out of the scene.
