@@ -52,6 +52,40 @@ impl<R: Real> Interface<R> {
     }
 }
 
+/// A function of the cosine c and of η, with its slopes by both.
+#[derive(Clone, Copy, Debug)]
+pub struct Sloped {
+    pub v: f64,
+    pub by_c: f64,
+    pub by_eta: f64,
+}
+
+impl Interface<f64> {
+    /// F with its slopes: with `D = ηc + q` and `E = c + ηq`, `q_c = η² c/q`, `q_η = -η (1-c²)/q`; 0 in total reflection.
+    pub fn sloped_reflectance(&self) -> Sloped {
+        let Some(q) = self.q else { return Sloped { v: 1.0, by_c: 0.0, by_eta: 0.0 } };
+        let (eta, c) = (self.eta, self.c);
+        let k = -(self.epsilon * (self.epsilon + 2.0));
+        let (sum, s2) = (eta * eta + 1.0, 1.0 - c * c);
+        let (d, e) = (eta * c + q, c + eta * q);
+        let m = c * c * sum - eta * eta;
+        let s = k / (d * d);
+        let p = k * m / (e * e);
+        // ln D by c is η/q.
+        let s_c = -2.0 * s * eta / q;
+        let s_eta = -2.0 * (eta / (d * d) + s * (c - eta * s2 / q) / d);
+        let p_c = 2.0 * (k * c * sum / (e * e) - p * (1.0 + eta * eta * eta * c / q) / e);
+        let p_eta = -2.0 * (eta * (m + k * s2) / (e * e) + p * (q - eta * eta * s2 / q) / e);
+        Sloped { v: 0.5 * (s * s + p * p), by_c: s * s_c + p * p_c, by_eta: s * s_eta + p * p_eta }
+    }
+
+    /// [`Interface::bend`] with its slopes; `None` in total reflection.
+    pub fn sloped_bend(&self) -> Option<Sloped> {
+        let (q, a) = (self.q?, self.bend()?);
+        Some(Sloped { v: a, by_c: -a * self.eta / q, by_eta: self.c + self.eta * (1.0 - self.c * self.c) / q })
+    }
+}
+
 /// The mirrored direction [T] (39) of one that travels along d; either side of n.
 pub fn reflect(d: DVec3, n: DVec3) -> DVec3 {
     (d - n * (2.0 * n.dot(d))).normalize()
@@ -115,6 +149,32 @@ mod tests {
         let r = slab(1e-3, 1.0001);
         near(r.v, 0.8596187977, 1e-9);
         near(r.d[0], 691.39368, 1e-7);
+    }
+
+    #[test]
+    fn slopes_are_those_of_dual_numbers() {
+        for (c, n1, n2) in [
+            (0.9, 1.0, 1.5),
+            (0.03, 1.0, 1.33),
+            (0.8, 1.5, 1.0),
+            (0.746, 1.5, 1.0),
+            (0.5, 1.0, 1.0000001),
+            (1.0, 2.4, 1.3),
+        ] {
+            let eta = Dual::<2>::variable(n1 / n2, 1);
+            let dual = Interface::new(Dual::variable(c, 0), eta, Dual::constant(1.0));
+            let own = Interface::new(c, n1, n2);
+            let (f, a) = (own.sloped_reflectance(), own.sloped_bend().unwrap());
+            for (x, y) in [(f, dual.reflectance()), (a, dual.bend().unwrap())] {
+                for (x, y) in [(x.v, y.v), (x.by_c, y.d[0]), (x.by_eta, y.d[1])] {
+                    // η - 1 is exact from both indices only.
+                    let digits = if (n1 / n2 - 1.0).abs() < 1e-3 { 1e-8 } else { 1e-12 };
+                    assert!((x - y).abs() <= digits * y.abs() + 1e-15, "{c} {n1} {n2}: {x} {y}");
+                }
+            }
+        }
+        let total = Interface::new(0.5, 1.5, 1.0);
+        assert!(total.sloped_bend().is_none() && total.sloped_reflectance().v == 1.0);
     }
 
     #[test]

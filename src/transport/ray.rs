@@ -6,10 +6,10 @@
 
 use super::first::FilmLine;
 use super::piece::{Stop, outer};
-use super::velocity::{Source, Velocity};
+use super::velocity::{Rate, Source, Velocity};
 use crate::math::fresnel::{Interface, conductor};
-use crate::math::{DMat3, DVec3, Dual, Real, Rgb};
-use crate::params::{Covector, Sink, Slot};
+use crate::math::{DMat3, DVec3, Dual, Rgb};
+use crate::params::{Sink, Slot};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
 use crate::surface::Surface;
@@ -59,19 +59,20 @@ struct Slopes {
     by_d: DMat3,
     by_n: DMat3,
     by_index: SmallVec<[(Slot, DVec3); 2]>,
-    /// Of the logarithm of the light's share, on ω̇ and ṅ, and by slot.
-    share_d: Covector,
-    share_n: Covector,
-    share_index: SmallVec<[(Slot, Rgb); 2]>,
+    share: ShareSlopes,
 }
 
-/// How the light's share at an interface changes: with the direction in which the ray comes, with the normal, and by slot.
+/// Of the logarithm of the light's share: by `<n,ω>`, and by slot.
+#[derive(Default)]
+struct ShareSlopes {
+    by_cos: Rgb,
+    by_index: SmallVec<[(Slot, Rgb); 2]>,
+}
+
+/// How the light's share at an interface changes: with `<n,ω>`, which the ray and the normal change, and by slot.
 pub struct Turned {
-    coming: Velocity,
-    normal: Velocity,
-    share_d: Covector,
-    share_n: Covector,
-    share_index: SmallVec<[(Slot, Rgb); 2]>,
+    cos: Rate,
+    share: ShareSlopes,
 }
 
 impl MovingRay {
@@ -101,13 +102,17 @@ impl MovingRay {
 
     /// How its direction w turns, ω̇; `p`: any of its points.
     pub fn turn(&self, p: DVec3, w: DVec3) -> Velocity {
+        self.with_turn(p, w, Velocity::clone)
+    }
+
+    fn with_turn<T>(&self, p: DVec3, w: DVec3, f: impl FnOnce(&Velocity) -> T) -> T {
         match self {
-            MovingRay::Still => Velocity::default(),
+            MovingRay::Still => f(&Velocity::default()),
             MovingRay::Film => {
                 let at = |p: DVec3| Velocity::of(Source::Camera, p);
-                at(p + w).plus(-1.0, &at(p)).mapped(DMat3::IDENTITY - outer(w, w))
+                f(&at(p + w).plus(-1.0, &at(p)).mapped(DMat3::IDENTITY - outer(w, w)))
             }
-            MovingRay::From(r) => r.turn.clone(),
+            MovingRay::From(r) => f(&r.turn),
         }
     }
 }
@@ -121,37 +126,44 @@ impl Specular {
         }
     }
 
-    /// The direction is `η d + a n`, n on the side that it comes from ([`Interface::bend`]); η, a and the share are functions of the cosine and of both indices, in dual numbers over these.
-    fn dielectric(&self, index: [f64; 2], slot: Slot, share: Share) -> Slopes {
+    /// The direction is `η d + a n`, n on the side that it comes from ([`Interface::bend`]); a and the share are functions of the cosine and of η.
+    fn dielectric(&self, [interior, exterior]: [f64; 2], slot: Slot, share: Share) -> Slopes {
         let front = self.n.dot(self.w) < 0.0;
         let (d, sign) = (self.w, if front { 1.0 } else { -1.0 });
         let side = self.n * sign;
-        let c = Dual::<3>::variable(-side.dot(d), 0);
-        let (interior, exterior) = (Dual::variable(index[0], 1), Dual::variable(index[1], 2));
+        let c = -side.dot(d);
         let (n1, n2) = if front { (exterior, interior) } else { (interior, exterior) };
         let interface = Interface::new(c, n1, n2);
-        let (eta, f) = (interface.eta, interface.reflectance());
-        let refracted = interface.bend().zip(interface.cos_refracted()).filter(|_| self.through);
-        let (mut s, share) = match refracted {
+        let (eta, f) = (interface.eta, interface.sloped_reflectance());
+        // η by the inner and by the outer index.
+        let mut by_index = [1.0 / n2, -eta / n2];
+        if front {
+            by_index.swap(0, 1);
+        }
+        let refracted = interface.sloped_bend().zip(interface.cos_refracted()).filter(|_| self.through);
+        let (mut s, [by_c, by_eta]) = match refracted {
             Some((a, q)) => {
                 let straight = |x: f64| DMat3::from_diagonal(DVec3::splat(x));
-                let by_d = straight(eta.v) - outer(side, side) * a.d[0];
-                let by_n = (straight(a.v) - outer(side, d) * a.d[0]) * sign;
-                let through = Dual::constant(1.0) - f;
-                let share = match share {
-                    Share::Radiance => through * eta.sqr(),
-                    Share::Irradiance => through * c / q,
-                };
+                let by_d = straight(eta) - outer(side, side) * a.by_c;
+                let by_n = (straight(a.v) - outer(side, d) * a.by_c) * sign;
                 let mut s = Slopes::of([by_d, by_n]);
-                s.by_index.extend([0, 1].map(|k| (slot + k as Slot, d * eta.d[1 + k] + side * a.d[1 + k])));
-                (s, share)
+                let by = d + side * a.by_eta;
+                s.by_index.extend([0, 1].map(|k| (slot + k as Slot, by * by_index[k])));
+                let through = 1.0 - f.v;
+                let log = [f.by_c, f.by_eta].map(|x| if through > 0.0 { -x / through } else { 0.0 });
+                let rest = match share {
+                    Share::Radiance => [0.0, 2.0 / eta],
+                    Share::Irradiance => [1.0 / c - eta * eta * c / (q * q), eta * (1.0 - c * c) / (q * q)],
+                };
+                (s, if through > 0.0 { [log[0] + rest[0], log[1] + rest[1]] } else { log })
             }
-            None => (Slopes::mirrored(d, self.n), f),
+            None => {
+                let log = [f.by_c, f.by_eta].map(|x| if f.v > 0.0 { x / f.v } else { 0.0 });
+                (Slopes::mirrored(d, self.n), log)
+            }
         };
-        let log = |k: usize| if share.v > 0.0 { share.d[k] / share.v } else { 0.0 };
-        s.share_d.add(side * -log(0), Rgb::ONE);
-        s.share_n.add(d * (-log(0) * sign), Rgb::ONE);
-        s.share_index.extend([0, 1].map(|k| (slot + k as Slot, Rgb::splat(log(1 + k)))));
+        s.share.by_cos = Rgb::splat(-by_c * sign);
+        s.share.by_index.extend([0, 1].map(|k| (slot + k as Slot, Rgb::splat(by_eta * by_index[k]))));
         s
     }
 
@@ -163,10 +175,9 @@ impl Specular {
             let f = conductor(Dual::<3>::variable(cos.abs(), 0), Dual::variable(eta[c], 1), Dual::variable(k[c], 2));
             let log = |i: usize| if f.v > 0.0 { f.d[i] / f.v } else { 0.0 };
             // The cosine is ±<n,ω>.
-            s.share_d.add(self.n, Rgb::channel(c, log(0) * cos.signum()));
-            s.share_n.add(self.w, Rgb::channel(c, log(0) * cos.signum()));
-            s.share_index.push((slot + c as Slot, Rgb::channel(c, log(1))));
-            s.share_index.push((slot + 3 + c as Slot, Rgb::channel(c, log(2))));
+            s.share.by_cos += Rgb::channel(c, log(0) * cos.signum());
+            s.share.by_index.push((slot + c as Slot, Rgb::channel(c, log(1))));
+            s.share.by_index.push((slot + 3 + c as Slot, Rgb::channel(c, log(2))));
         }
         s
     }
@@ -174,14 +185,7 @@ impl Specular {
 
 impl Slopes {
     fn of([by_d, by_n]: [DMat3; 2]) -> Slopes {
-        Slopes {
-            by_d,
-            by_n,
-            by_index: SmallVec::new(),
-            share_d: Covector::default(),
-            share_n: Covector::default(),
-            share_index: SmallVec::new(),
-        }
+        Slopes { by_d, by_n, by_index: SmallVec::new(), share: ShareSlopes::default() }
     }
 
     /// Of `d - 2 <n,d> n`, [T] (39), for either side of n.
@@ -202,36 +206,43 @@ impl FilmLine<'_> {
         let slopes = b.slopes(self.scene.surface_of(b.hit.shape), Share::Radiance);
         // Directions stay of unit length.
         let across = DMat3::IDENTITY - outer(b.out, b.out);
-        let (by_d, by_n) = (slopes.by_d, slopes.by_n);
         let mut out = Velocity::default();
         for &(slot, by) in slopes.by_index.iter().filter(|x| self.moving.is_index(x.0)) {
             out.add_value(slot, across * by);
         }
-        let (start, turned) = self.at_interface(b, slopes);
-        for (by, v) in [(by_d, &turned.coming), (by_n, &turned.normal)].into_iter().filter(|x| !x.1.is_zero()) {
-            out.add(&(across * by), v);
-        }
+        let start = self.slide(b, b.w);
+        let normal = self.normal(b, &start);
+        self.ray.with_turn(b.hit.p, b.w, |coming| {
+            for (by, v) in [(&slopes.by_d, coming), (&slopes.by_n, &normal)].into_iter().filter(|x| !x.1.is_zero()) {
+                out.add(&(across * *by), v);
+            }
+        });
+        let turned = self.share(b, slopes.share, &normal);
         (MovingRay::new(b.hit.p, b.out, start, out), turned)
     }
 
-    /// How the ray's point there moves, and how the light's share changes.
-    fn at_interface(&self, b: &Specular, slopes: Slopes) -> (Velocity, Turned) {
-        let start = self.end(b.hit.p, b.w, &stop(b));
-        let normal = self.normal(b, &start);
-        let Slopes { share_d, share_n, mut share_index, .. } = slopes;
+    /// How the light's share changes where the normal turns so.
+    fn share(&self, b: &Specular, mut share: ShareSlopes, normal: &Velocity) -> Turned {
         if !self.moving.refracts(self.scene.shapes[b.hit.shape as usize].surface as usize) {
-            share_index.clear();
+            share.by_index.clear();
         }
-        (start, Turned { coming: self.ray.turn(b.hit.p, b.w), normal, share_d, share_n, share_index })
+        let mut cos = Rate::default();
+        self.ray.with_turn(b.hit.p, b.w, |coming| cos.add(coming, b.n));
+        cos.add(normal, b.w);
+        Turned { cos, share }
     }
 
     /// How the normal turns, whose point moves with `start`.
     fn normal(&self, b: &Specular, start: &Velocity) -> Velocity {
         let (p, n, shape) = (b.hit.p, b.n, b.hit.shape);
         // Over its matter.
-        let slides = self.scene.shapes[shape as usize].shape.curvature(p, n);
         let mut normal = Velocity::default();
-        if self.moving.moves(shape) {
+        let moves = self.moving.moves(shape);
+        if !moves && start.is_zero() {
+            return normal;
+        }
+        let slides = self.scene.shapes[shape as usize].shape.curvature(p, n);
+        if moves {
             let matter = Source::at(&b.hit);
             normal = Velocity::of_normal(matter, p, n);
             normal.add(&-slides, &Velocity::of(matter, p));
@@ -244,7 +255,8 @@ impl FilmLine<'_> {
     pub fn flux_partials(&self, sensor: &Sensor, b: &Specular, value: Rgb, sink: &mut impl Sink) {
         if !value.is_zero() {
             let slopes = b.slopes(self.scene.surface_of(b.hit.shape), Share::Irradiance);
-            self.at_interface(b, slopes).1.partials(self.scene, sensor, value, sink);
+            let normal = self.normal(b, &self.slide(b, b.w));
+            self.share(b, slopes.share, &normal).partials(self.scene, sensor, value, sink);
         }
     }
 
@@ -260,9 +272,8 @@ impl Turned {
         if value.is_zero() {
             return;
         }
-        self.coming.apply(scene, sensor, &self.share_d.weighed(value), sink);
-        self.normal.apply(scene, sensor, &self.share_n.weighed(value), sink);
-        self.share_index.iter().for_each(|(slot, by)| sink.add(*slot, *by * value));
+        self.cos.apply(scene, sensor, self.share.by_cos * value, sink);
+        self.share.by_index.iter().for_each(|(slot, by)| sink.add(*slot, *by * value));
     }
 }
 

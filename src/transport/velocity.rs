@@ -189,7 +189,7 @@ impl Velocity {
 #[derive(Clone, Debug, Default)]
 pub struct Rate {
     forms: Vec<(Source, DVec3, DVec3)>,
-    values: Vec<(Slot, f64)>,
+    values: SmallVec<[(Slot, f64); 1]>,
     spread: Vec<(u32, f64)>,
 }
 
