@@ -121,7 +121,7 @@ fn beside_a_block(s: f64, rest: &str, precision: f64) -> usize {
             let mut state = State::new(Rng::keyed(4, 1, key, k), o, w, sensor.medium);
             state.poles = poles.clone();
             let (mut sink, mut d) = (Forward::new(&params), vec![Rgb::ZERO; 2]);
-            sweep.sample(state, Rng::keyed(4, 2, key, k), &mut rec, &mut sink, &mut tally);
+            sweep.sample(&state, Rng::keyed(4, 2, key, k), &mut rec, &mut sink, &mut tally);
             sink.take(&mut d);
             shares += rec.events.iter().filter(|e| matches!(e, Event::Share(_))).count();
             for i in 0..6 {

@@ -144,7 +144,7 @@ impl Job<'_> {
                 let value = match swept {
                     Some(swept) => {
                         let d = Rng::keyed(self.seed, Purpose::Derivative as u64, key, s);
-                        swept.path(state, d, &mut one, reverse, &mut tally)
+                        swept.path(&state, d, &mut one, reverse, &mut tally)
                     }
                     None => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
                 };
@@ -217,7 +217,7 @@ impl Job<'_> {
                 let stream = Rng::keyed(self.seed, Purpose::Derivative as u64, key, i);
                 let poles = media.then(|| Arc::new(poles));
                 let state = State { poles, ..State::new(rng, o, w, sensor.medium) };
-                swept.path(state, stream, &mut d, reverse, &mut tally);
+                swept.path(&state, stream, &mut d, reverse, &mut tally);
                 if d.is_finite() {
                     pixels.iter().for_each(|(p, w)| swept.deposit(&d, *w, *p, film));
                 } else {

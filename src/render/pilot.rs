@@ -82,7 +82,7 @@ impl Job<'_> {
             (Some(sweep), Some(p)) => {
                 let mut sink = Gauge::new(p);
                 let d = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX - 1, i);
-                let found = effort::of(|| sweep.sample(state, d, rec, &mut sink, &mut tally));
+                let found = effort::of(|| sweep.sample(&state, d, rec, &mut sink, &mut tally));
                 brightest(&mut told.brightest[1..], &sink.forward.image);
                 (found, square(&sink.forward.image) + finite(sink.take_squares()))
             }

@@ -47,7 +47,7 @@ impl Swept<'_> {
     /// One path: its value, and its derivatives in `d`, or in `reverse` times the adjoint there.
     pub fn path(
         &self,
-        state: State,
+        state: &State,
         stream: Rng,
         d: &mut Derivatives,
         reverse: &mut Option<Reverse>,

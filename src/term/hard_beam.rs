@@ -81,7 +81,7 @@ impl HardBeams {
         spans::each(cx, &rec, &starts, &mut |walked, velocity| self.cross(cx, walked, film, velocity, emit));
         for point in &points {
             let Some((leg, nth)) = starts.next_past(point.vertex) else { continue };
-            let start = cx.moving.vertex(cx.scene, &leg.first, nth, &Met::Medium(point.p));
+            let start = cx.moving.vertex(cx.scene, leg.first(), nth, &Met::Medium(point.p));
             let partials = own_edge(cx, &cx.scene.beams.ways[point.way], point.p, start);
             let flux = point.flux;
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });

@@ -70,7 +70,7 @@ pub fn each(cx: &Context, rec: &PathRecord, starts: &Starts, found: &mut dyn FnM
         let leg = starts.next_at(k);
         let velocity = |span: &MediumSpan, p: DVec3| match leg {
             Some((leg, Nth::First)) => leg.line(cx.scene, cx.moving).medium(p, span, Later::Nothing).velocity,
-            Some((leg, nth)) => cx.moving.vertex(cx.scene, &leg.first, nth, &Met::Medium(p)),
+            Some((leg, nth)) => cx.moving.vertex(cx.scene, leg.first(), nth, &Met::Medium(p)),
             None => Velocity::default(),
         };
         match *e {

@@ -7,6 +7,7 @@ use super::record::{End, Event, PathRecord};
 use crate::math::Rgb;
 use crate::params::Sink;
 use crate::scene::{Scene, effort};
+use std::sync::LazyLock;
 
 /// A leg of a chain: its ray, and its first vertex.
 pub struct Start {
@@ -15,10 +16,13 @@ pub struct Start {
     place: At,
     second: At,
     pub ray: MovingRay,
-    pub first: First,
+    /// `None` where it has none.
+    first: Option<Box<First>>,
     /// How the interface that it begins behind turned the ray before, and whether that comes straight from the camera or from another interface.
     turned: Option<Box<(Turned, bool)>>,
 }
+
+static NO_VERTEX: LazyLock<First> = LazyLock::new(First::default);
 
 /// Where the event of a vertex is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,12 +92,12 @@ impl Starts {
         }
         let mut opening = open;
         let place = |known: bool| if known { At::Before } else { At::Nowhere };
-        let first = line(scene, moving, &ray).opening(&open);
+        let first = open.first.map(|_| Box::new(line(scene, moving, &ray).opening(&open)));
         let (begun, second) = (place(open.first.is_some()), place(open.second.is_some()));
         list.push(Start { begin: 0, place: begun, second, first, ray, turned: None });
         let fresh = |begin, ray, turned| {
             let (place, second) = (At::Nowhere, At::Nowhere);
-            Start { begin, place, second, first: First::default(), ray, turned }
+            Start { begin, place, second, first: None, ray, turned }
         };
         for (k, e) in rec.events.iter().enumerate() {
             // Of what comes behind nobody asks.
@@ -102,7 +106,7 @@ impl Starts {
             }
             let begun = [opening.first.is_some(), opening.second.is_some()];
             if let (Event::Specular(end), Some(last)) = (e, list.last()) {
-                let came = line(scene, moving, &last.ray).coming(&last.first, &opening, end);
+                let came = line(scene, moving, &last.ray).coming(last.first(), &opening, end);
                 let (ray, turned) = line(scene, moving, &came).turned(end);
                 let straight = matches!(last.place, At::Nowhere);
                 list.push(fresh(k, ray, Some(Box::new((turned, straight)))));
@@ -113,15 +117,17 @@ impl Starts {
             }
             let Some(last) = list.last_mut() else { continue };
             if let (false, Some(s)) = (begun[0], &opening.first) {
-                let known = list.iter().find(|l| l.begins_with(rec, s)).map(|l| l.first.alone());
+                let known = list.iter().find(|l| l.begins_with(rec, s)).map(|l| l.first().alone());
                 let Some(last) = list.last_mut() else { continue };
                 let first = known.unwrap_or_else(|| line(scene, moving, &last.ray).first(s));
-                (last.first, last.place) = (first, At::Event(k));
+                (last.first, last.place) = (Some(Box::new(first)), At::Event(k));
                 continue;
             }
             if let (false, Some(z)) = (begun[1], &opening.second) {
-                (last.first, last.second) =
-                    (line(scene, moving, &last.ray).then(std::mem::take(&mut last.first), z), At::Event(k));
+                last.second = At::Event(k);
+                if let Some(first) = last.first.as_deref_mut() {
+                    *first = line(scene, moving, &last.ray).then(std::mem::take(first), z);
+                }
             }
         }
     }
@@ -166,6 +172,11 @@ impl Starts {
 }
 
 impl Start {
+    /// Its first vertex; one that does not move where it has none.
+    pub fn first(&self) -> &First {
+        self.first.as_deref().unwrap_or(&NO_VERTEX)
+    }
+
     /// Whether it is a leg straight from the camera to this vertex: several chains of a record may begin alike.
     fn begins_with(&self, rec: &PathRecord, seen: &Seen) -> bool {
         match self.place {
@@ -201,7 +212,7 @@ impl Start {
                 cx.specular(chain, s, &turn.0, turn.1, after);
             }
             Event::Emit { weight, end: End::Infinity(w), .. } if seen => cx.escape(*w, *weight),
-            Event::Span { span, .. } if seen => cx.camera_span(span, &self.first, after),
+            Event::Span { span, .. } if seen => cx.camera_span(span, self.first(), after),
             Event::Span { span, .. } => chain.span(cx.scene, span),
             Event::Scatter { medium, p, w, .. } => cx.scatter(chain, *medium, *p, *w, is_first),
             Event::Surface { hit, wi, .. } => cx.reflect(chain, hit, *wi, is_first),

@@ -262,6 +262,9 @@ impl FilmLine<'_> {
 
     /// The velocity of the point where a line along w meets the surface, and keeps to it.
     pub fn slide(&self, b: &Specular, w: DVec3) -> Velocity {
+        if self.ray.is_still() && !self.moving.moves(b.hit.shape) {
+            return Velocity::default();
+        }
         self.end(b.hit.p, w, &stop(b))
     }
 }

@@ -14,7 +14,7 @@
 //! One derivative vertex a path, drawn from all candidates by a reservoir, continued with a probability near its share.
 
 use super::border::{Borders, Place};
-use super::chained::{Backward, Start};
+use super::chained::Backward;
 use super::first::Opening;
 use super::lottery::Lottery;
 use super::motion::{Chained, Moving};
@@ -311,33 +311,32 @@ impl Sweep<'_> {
     /// random numbers, as [`super::sample`]. Where derivatives ask for directions beside critical angles the recorded path is another one.
     pub fn sample(
         &self,
-        mut state: State,
+        state: &State,
         mut derivative: Rng,
         rec: &mut PathRecord,
         sink: &mut impl Sink,
         tally: &mut Tally,
     ) -> Rgb {
         let beside = self.facts.moving.any() && !self.scene.critical.is_empty();
-        state.drawn = beside.then_some(0);
         rec.chunk_starts.clear();
         (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
         (rec.still, rec.borders) = (!self.facts.moving.any(), self.facts.borders.any());
         rec.mirrors = self.facts.mirrors.then(|| self.facts.clone());
-        state.aside = state.rng.beside(derivative.next_u64());
+        let aside = state.rng.beside(derivative.next_u64());
         let spans = Rng::keyed(derivative.next_u64(), Purpose::Derivative as u64, 0, 0);
         rec.scattered = Rgb::ZERO;
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
-        let first = state.clone();
+        let first = || State { drawn: beside.then_some(0), aside, ..state.clone() };
         // The line itself is another one around poles, and weighs points that are drawn on it against directions.
         let parts = state.poles.is_none() && !self.scene.draws_on_spans();
         rec.parts = beside && parts;
         let mut w = Walker::new(self.scene, self.set, rec);
-        w.trace(&mut state);
+        w.trace(&mut first());
         let mut value = w.total();
         *tally = tally.plus(&w.tally);
         rec.parts = false;
         if beside && !parts {
-            value = super::sample(self.scene, self.set, first.plain(), &mut Tally::default());
+            value = super::sample(self.scene, self.set, state.plain(), &mut Tally::default());
         }
         let mut lottery = Lottery::new(spans, rec.scattered);
         let Some(mut candidates) = rec.candidates.take() else { return value };
@@ -354,7 +353,7 @@ impl Sweep<'_> {
             rec.begin(None, open);
             let mut w = Walker::new(self.scene, self.set, rec);
             if k == 0 {
-                w.trace(&mut first.clone());
+                w.trace(&mut first());
             } else {
                 w.run(starts[k - 1].0.clone());
             }
@@ -379,7 +378,7 @@ impl Sweep<'_> {
         for (k, e) in rec.events.iter().enumerate().rev() {
             if let Some(start) = starts.at(k) {
                 let moving = &self.facts.moving;
-                let Start { first, ray, .. } = start;
+                let (first, ray) = (start.first(), &start.ray);
                 let (scene, sensor, steps) = (self.scene, self.sensor, &rec.steps);
                 let mut cx = Chained { scene, sensor, moving, steps, ray, first, after: false, sink };
                 start.event(&mut cx, chain, rec, k, after);

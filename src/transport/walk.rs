@@ -286,7 +286,8 @@ impl<'a, R: Recorder> Walker<'a, R> {
                         (aside, self.value) = (*kept, self.kept);
                     }
                     let Some(next) = s.pending.take() else { return self.close(s.astray) };
-                    let astray = std::mem::replace(s, *next).astray;
+                    let astray = s.astray;
+                    *s = *next;
                     if let Some(kept) = &mut s.mirrored {
                         (**kept, self.kept) = (aside, self.value * 2.0);
                     } else {

@@ -35,7 +35,7 @@ fn chunked_sweep_gives_the_same_bits() {
             let state = State::new(rng, o, w, None);
             let mut sink = Forward::new(&p);
             let mut tally = Tally::default();
-            let value = sweep.sample(state, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
+            let value = sweep.sample(&state, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
             (value, sink.image, rec.chunk_starts.len())
         };
         let (v, d, none) = run(usize::MAX);

@@ -29,7 +29,7 @@ fn walks_around_a_light_stay_few() {
         let mut rng = Rng::keyed(1, 1, 0, k);
         let (o, w) = sensor.ray(4.0 * rng.uniform(), 4.0 * rng.uniform());
         let state = State::new(rng, o, w, sensor.medium);
-        sweep.sample(state, Rng::keyed(1, 2, 0, k), &mut rec, &mut sink, &mut tally);
+        sweep.sample(&state, Rng::keyed(1, 2, 0, k), &mut rec, &mut sink, &mut tally);
         largest = largest.max(rec.events.capacity());
         // Chunks bound what a path records, not what one of its vertices does.
         assert!(largest < 1 << 20, "path {k}: room for {largest} events");

@@ -39,7 +39,7 @@ fn pairs_cancel_noise_and_nothing_else() {
                 let sweep = Sweep { scene: &scene, set: &scene.settings, params: &p, facts, sensor };
                 let (mut rec, mut sink, mut tally) = (PathRecord::new(), Forward::new(&p), Tally::default());
                 let state = State::new(rng, o, w, sensor.medium);
-                let value = sweep.sample(state, Rng::keyed(1, 2, 0, k), &mut rec, &mut sink, &mut tally);
+                let value = sweep.sample(&state, Rng::keyed(1, 2, 0, k), &mut rec, &mut sink, &mut tally);
                 (value, sink.image[0][1])
             });
             assert_eq!(found[0].0, found[1].0);

@@ -386,7 +386,7 @@ fn scores_beside_the_critical_angle_have_a_second_moment() {
             let (o, w) = sensor.ray(2.0 + 2.0 * rng.uniform(), 2.0 + 2.0 * rng.uniform());
             let mut sink = Forward::new(&p);
             let rng = [Rng::keyed(7, 1, stream, i), Rng::keyed(7, 2, stream, i)];
-            sweep.sample(State::new(rng[0], o, w, None), rng[1], &mut rec, &mut sink, &mut Tally::default());
+            sweep.sample(&State::new(rng[0], o, w, None), rng[1], &mut rec, &mut sink, &mut Tally::default());
             let square = sink.image[0].mean().powi(2);
             (sum, largest) = (sum + square, largest.max(square));
         }
@@ -479,7 +479,7 @@ fn same_in_chunks(text: &str, names: &[&str], least: usize) {
             let state = State::new(Rng::keyed(1, 1, 5, sample), o, w, None);
             let mut sink = Forward::new(&p);
             let mut tally = Tally::default();
-            let value = sweep.sample(state, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
+            let value = sweep.sample(&state, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
             (value, sink.image, rec.chunk_starts.len())
         };
         let (v, d, _) = run(usize::MAX);
