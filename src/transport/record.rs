@@ -316,6 +316,8 @@ pub struct PathRecord {
     pub mirrors: Option<Arc<SweepFacts>>,
     /// Nothing but the motion of lights is asked for: of the path no more is kept.
     pub lights_only: bool,
+    /// Something is drawn from candidates.
+    pub sources: bool,
     /// No vertex moves.
     pub still: bool,
     /// Borders of media move.
@@ -349,6 +351,7 @@ impl PathRecord {
             moving: Arc::new([]),
             mirrors: None,
             lights_only: false,
+            sources: true,
             still: false,
             borders: false,
             scattered: Rgb::ZERO,
@@ -506,7 +509,7 @@ impl Recorder for PathRecord {
     }
 
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
-        if self.lights_only {
+        if self.lights_only || !self.sources {
             return None;
         }
         // A regenerated chunk must hold as many events as the first time; its candidates are not looked at.

@@ -320,6 +320,7 @@ impl Sweep<'_> {
         let beside = self.facts.moving.any() && !self.scene.critical.is_empty();
         rec.chunk_starts.clear();
         (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
+        rec.sources = self.facts.any_source;
         (rec.still, rec.borders) = (!self.facts.moving.any(), self.facts.borders.any());
         rec.mirrors = self.facts.mirrors.then(|| self.facts.clone());
         let aside = state.rng.beside(derivative.next_u64());
