@@ -392,6 +392,7 @@ impl Recorder for PathRecord {
         }
     }
 
+    #[inline]
     fn push(&mut self, e: Event) {
         if self.lights_only && !e.moves_a_light() {
             return;

@@ -327,7 +327,11 @@ impl Sweep<'_> {
         let spans = Rng::keyed(derivative.next_u64(), Purpose::Derivative as u64, 0, 0);
         rec.scattered = Rgb::ZERO;
         rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
-        let first = || State { drawn: beside.then_some(0), aside, ..state.clone() };
+        let first = || {
+            let mut first = state.clone();
+            (first.drawn, first.aside) = (beside.then_some(0), aside);
+            first
+        };
         // The line itself is another one around poles, and weighs points that are drawn on it against directions.
         let parts = state.poles.is_none() && !self.scene.draws_on_spans();
         rec.parts = beside && parts;

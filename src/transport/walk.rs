@@ -137,8 +137,9 @@ impl State {
     /// What is to be followed besides, in a chain of its own: the `k`-th of its path.
     pub fn branch(&mut self, k: u32) -> Box<State> {
         let waiting = self.pending.take();
-        let rng = self.rng.branch(k);
-        Box::new(State { pending: waiting, rng, ..self.clone() })
+        let mut branch = Box::new(self.clone());
+        (branch.pending, branch.rng) = (waiting, self.rng.branch(k));
+        branch
     }
 
     /// Go on behind an interface, straight.
