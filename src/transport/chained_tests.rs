@@ -54,7 +54,7 @@ fn shared_first_vertices_are_those_of_each_chain() {
             let mut opening = Opening::default();
             let own = rec.events[start.begin..].iter().skip(1).take_while(|e| !matches!(e, Event::Chain));
             own.for_each(|e| opening.follow(e));
-            assert_eq!(told(&start.first), told(&start.line(scene, moving).opening(&opening)));
+            assert_eq!(told(start.first()), told(&start.line(scene, moving).opening(&opening)));
             let seen = opening.first.unwrap();
             shared += u32::from(before.contains(&seen));
             before.push(seen);

@@ -43,7 +43,7 @@ pub struct Moving {
     film: MovingRay,
     /// Smooth surfaces whose index changes.
     refracting: Vec<bool>,
-    /// Indices of refraction of dielectrics that change.
+    /// Indices of refraction, of conductors the imaginary parts too, that change.
     indices: Vec<Slot>,
     any: bool,
     /// Lights that the medium around them follows.
@@ -66,12 +66,12 @@ impl Moving {
         let bending: Vec<bool> = scene.shapes.iter().map(|s| s.bends(params)).collect();
         let followed: Vec<u32> = (0..scene.lights.len() as u32).filter(|&i| follows(scene, params, i)).collect();
         let refracting: Vec<bool> = scene.surfaces.iter().map(|s| s.refracts_by(params)).collect();
-        let dielectric = |s: &Surface| match s {
-            Surface::Dielectric { slot, .. } => Some(*slot),
-            _ => None,
+        let slots = |s: &Surface| match s {
+            Surface::Dielectric { slot, .. } => *slot..*slot + 2,
+            Surface::Conductor { slot, .. } => *slot..*slot + 6,
+            _ => 0..0,
         };
-        let both = scene.surfaces.iter().filter_map(dielectric).flat_map(|s| [s, s + 1]);
-        let indices = both.filter(|s| params.is_active(*s)).collect();
+        let indices = scene.surfaces.iter().flat_map(slots).filter(|s| params.is_active(*s)).collect();
         let beams = scene.lights.iter().any(|l| matches!(l.kind, LightKind::Beam { .. }) && l.place.moves(params));
         let changes = camera || beams || !followed.is_empty() || refracting.contains(&true);
         let any = changes || classes.iter().any(Option::is_some);
@@ -141,7 +141,7 @@ impl Moving {
         self.refracting[surface]
     }
 
-    /// Whether a slot is an index of refraction, between transparent media, that changes.
+    /// Whether a slot is an index of refraction of a smooth surface that changes.
     pub fn is_index(&self, slot: Slot) -> bool {
         self.indices.contains(&slot)
     }

@@ -53,26 +53,29 @@ enum Share {
     Irradiance,
 }
 
-/// How that depends on the ray's direction, on the normal, and on the indices.
+/// How that depends on the ray's direction d, on the normal n, and on indices. Directions are `x d + y n` with x, y functions of `<n,d>`, which changes by `<n,ḋ> + <d,ṅ>`.
 struct Slopes {
-    /// Of the direction after it.
-    by_d: DMat3,
-    by_n: DMat3,
-    by_index: SmallVec<[(Slot, DVec3); 2]>,
-    share: ShareSlopes,
+    /// x and y.
+    parts: [f64; 2],
+    /// y by `<n,d>`; x does not depend on it.
+    by_cos: f64,
+    /// Of the logarithm of the light's share.
+    share_by_cos: Rgb,
+    by_index: SmallVec<[Index; 2]>,
 }
 
-/// Of the logarithm of the light's share: by `<n,ω>`, and by slot.
-#[derive(Default)]
-struct ShareSlopes {
-    by_cos: Rgb,
-    by_index: SmallVec<[(Slot, Rgb); 2]>,
+/// What changes with an index: the direction, and the logarithm of the light's share.
+struct Index {
+    slot: Slot,
+    direction: DVec3,
+    share: Rgb,
 }
 
-/// How the light's share at an interface changes: with `<n,ω>`, which the ray and the normal change, and by slot.
+/// How the light's share at an interface changes: with `<n,d>`, and by slot.
 pub struct Turned {
     cos: Rate,
-    share: ShareSlopes,
+    by_cos: Rgb,
+    by_index: SmallVec<[(Slot, Rgb); 1]>,
 }
 
 impl MovingRay {
@@ -122,48 +125,44 @@ impl Specular {
         match surface {
             Surface::Dielectric { interior, exterior, slot } => self.dielectric([*interior, *exterior], *slot, share),
             Surface::Conductor { eta, k, slot, .. } => self.conductor(*eta, *k, *slot),
-            _ => Slopes::of([DMat3::ZERO; 2]),
+            _ => Slopes::mirrored(self.w, self.n),
         }
     }
 
     /// The direction is `η d + a n`, n on the side that it comes from ([`Interface::bend`]); a and the share are functions of the cosine and of η.
     fn dielectric(&self, [interior, exterior]: [f64; 2], slot: Slot, share: Share) -> Slopes {
         let front = self.n.dot(self.w) < 0.0;
-        let (d, sign) = (self.w, if front { 1.0 } else { -1.0 });
-        let side = self.n * sign;
-        let c = -side.dot(d);
+        let sign = if front { 1.0 } else { -1.0 };
+        let c = -sign * self.n.dot(self.w);
         let (n1, n2) = if front { (exterior, interior) } else { (interior, exterior) };
         let interface = Interface::new(c, n1, n2);
         let (eta, f) = (interface.eta, interface.sloped_reflectance());
-        // η by the inner and by the outer index.
-        let mut by_index = [1.0 / n2, -eta / n2];
-        if front {
-            by_index.swap(0, 1);
-        }
         let refracted = interface.sloped_bend().zip(interface.cos_refracted()).filter(|_| self.through);
-        let (mut s, [by_c, by_eta]) = match refracted {
+        let (mut s, direction, [by_c, by_eta]) = match refracted {
             Some((a, q)) => {
-                let straight = |x: f64| DMat3::from_diagonal(DVec3::splat(x));
-                let by_d = straight(eta) - outer(side, side) * a.by_c;
-                let by_n = (straight(a.v) - outer(side, d) * a.by_c) * sign;
-                let mut s = Slopes::of([by_d, by_n]);
-                let by = d + side * a.by_eta;
-                s.by_index.extend([0, 1].map(|k| (slot + k as Slot, by * by_index[k])));
+                let s = Slopes::of([eta, a.v * sign], -a.by_c);
                 let through = 1.0 - f.v;
-                let log = [f.by_c, f.by_eta].map(|x| if through > 0.0 { -x / through } else { 0.0 });
                 let rest = match share {
                     Share::Radiance => [0.0, 2.0 / eta],
                     Share::Irradiance => [1.0 / c - eta * eta * c / (q * q), eta * (1.0 - c * c) / (q * q)],
                 };
-                (s, if through > 0.0 { [log[0] + rest[0], log[1] + rest[1]] } else { log })
+                let log = [rest[0] - f.by_c / through, rest[1] - f.by_eta / through];
+                (s, self.w + self.n * (a.by_eta * sign), if through > 0.0 { log } else { [0.0; 2] })
             }
             None => {
                 let log = [f.by_c, f.by_eta].map(|x| if f.v > 0.0 { x / f.v } else { 0.0 });
-                (Slopes::mirrored(d, self.n), log)
+                (Slopes::mirrored(self.w, self.n), DVec3::ZERO, log)
             }
         };
-        s.share.by_cos = Rgb::splat(-by_c * sign);
-        s.share.by_index.extend([0, 1].map(|k| (slot + k as Slot, Rgb::splat(by_eta * by_index[k]))));
+        // The cosine is ∓<n,d>.
+        s.share_by_cos = Rgb::splat(-by_c * sign);
+        // η by the index that the ray comes from, and by the other.
+        let by_n = [1.0 / n2, -eta / n2];
+        for k in 0..2 {
+            let eta = by_n[if front { 1 - k } else { k }];
+            let (slot, share) = (slot + k as Slot, Rgb::splat(by_eta * eta));
+            s.by_index.push(Index { slot, direction: direction * eta, share });
+        }
         s
     }
 
@@ -174,24 +173,25 @@ impl Specular {
         for c in 0..3 {
             let f = conductor(Dual::<3>::variable(cos.abs(), 0), Dual::variable(eta[c], 1), Dual::variable(k[c], 2));
             let log = |i: usize| if f.v > 0.0 { f.d[i] / f.v } else { 0.0 };
-            // The cosine is ±<n,ω>.
-            s.share.by_cos += Rgb::channel(c, log(0) * cos.signum());
-            s.share.by_index.push((slot + c as Slot, Rgb::channel(c, log(1))));
-            s.share.by_index.push((slot + 3 + c as Slot, Rgb::channel(c, log(2))));
+            // The cosine is ±<n,d>.
+            s.share_by_cos += Rgb::channel(c, log(0) * cos.signum());
+            for (slot, k) in [(slot, 1), (slot + 3, 2)] {
+                let (slot, share) = (slot + c as Slot, Rgb::channel(c, log(k)));
+                s.by_index.push(Index { slot, direction: DVec3::ZERO, share });
+            }
         }
         s
     }
 }
 
 impl Slopes {
-    fn of([by_d, by_n]: [DMat3; 2]) -> Slopes {
-        Slopes { by_d, by_n, by_index: SmallVec::new(), share: ShareSlopes::default() }
+    fn of(parts: [f64; 2], by_cos: f64) -> Slopes {
+        Slopes { parts, by_cos, share_by_cos: Rgb::ZERO, by_index: SmallVec::new() }
     }
 
     /// Of `d - 2 <n,d> n`, [T] (39), for either side of n.
     fn mirrored(d: DVec3, n: DVec3) -> Slopes {
-        let along = DMat3::from_diagonal(DVec3::splat(n.dot(d)));
-        Slopes::of([DMat3::IDENTITY - outer(n, n) * 2.0, (along + outer(n, d)) * -2.0])
+        Slopes::of([1.0, -2.0 * n.dot(d)], -2.0)
     }
 }
 
@@ -207,29 +207,29 @@ impl FilmLine<'_> {
         // Directions stay of unit length.
         let across = DMat3::IDENTITY - outer(b.out, b.out);
         let mut out = Velocity::default();
-        for &(slot, by) in slopes.by_index.iter().filter(|x| self.moving.is_index(x.0)) {
-            out.add_value(slot, across * by);
+        for x in slopes.by_index.iter().filter(|x| self.moving.is_index(x.slot) && x.direction != DVec3::ZERO) {
+            out.add_value(x.slot, across * x.direction);
         }
         let start = self.slide(b, b.w);
         let normal = self.normal(b, &start);
+        let along = across * b.n * slopes.by_cos;
         self.ray.with_turn(b.hit.p, b.w, |coming| {
-            for (by, v) in [(&slopes.by_d, coming), (&slopes.by_n, &normal)].into_iter().filter(|x| !x.1.is_zero()) {
-                out.add(&(across * *by), v);
+            let parts = [(coming, slopes.parts[0], b.n), (&normal, slopes.parts[1], b.w)];
+            for (v, part, by) in parts.into_iter().filter(|x| !x.0.is_zero()) {
+                out.add(&(across * part + outer(along, by)), v);
             }
         });
-        let turned = self.share(b, slopes.share, &normal);
+        let turned = self.share(b, &slopes, &normal);
         (MovingRay::new(b.hit.p, b.out, start, out), turned)
     }
 
     /// How the light's share changes where the normal turns so.
-    fn share(&self, b: &Specular, mut share: ShareSlopes, normal: &Velocity) -> Turned {
-        if !self.moving.refracts(self.scene.shapes[b.hit.shape as usize].surface as usize) {
-            share.by_index.clear();
-        }
+    fn share(&self, b: &Specular, slopes: &Slopes, normal: &Velocity) -> Turned {
         let mut cos = Rate::default();
         self.ray.with_turn(b.hit.p, b.w, |coming| cos.add(coming, b.n));
         cos.add(normal, b.w);
-        Turned { cos, share }
+        let active = slopes.by_index.iter().filter(|x| self.moving.is_index(x.slot));
+        Turned { cos, by_cos: slopes.share_by_cos, by_index: active.map(|x| (x.slot, x.share)).collect() }
     }
 
     /// How the normal turns, whose point moves with `start`.
@@ -256,7 +256,7 @@ impl FilmLine<'_> {
         if !value.is_zero() {
             let slopes = b.slopes(self.scene.surface_of(b.hit.shape), Share::Irradiance);
             let normal = self.normal(b, &self.slide(b, b.w));
-            self.share(b, slopes.share, &normal).partials(self.scene, sensor, value, sink);
+            self.share(b, &slopes, &normal).partials(self.scene, sensor, value, sink);
         }
     }
 
@@ -275,8 +275,8 @@ impl Turned {
         if value.is_zero() {
             return;
         }
-        self.cos.apply(scene, sensor, self.share.by_cos * value, sink);
-        self.share.by_index.iter().for_each(|(slot, by)| sink.add(*slot, *by * value));
+        self.cos.apply(scene, sensor, self.by_cos * value, sink);
+        self.by_index.iter().for_each(|(slot, by)| sink.add(*slot, *by * value));
     }
 }
 

@@ -310,18 +310,10 @@ pub struct PathRecord {
     pub candidates: Option<Candidates>,
     /// Events held at a time.
     pub chunk: usize,
-    /// Lights that move, by their bits, 0 for the others, and how.
-    pub moving: Arc<[(u64, Ways)]>,
-    /// Whose first vertices slide, if paths are walked in pairs there ([`super::mirror`]).
-    pub mirrors: Option<Arc<SweepFacts>>,
+    /// Of the sweep that it is for.
+    facts: Option<Arc<SweepFacts>>,
     /// Nothing but the motion of lights is asked for: of the path no more is kept.
-    pub lights_only: bool,
-    /// Something is drawn from candidates.
-    pub sources: bool,
-    /// No vertex moves.
-    pub still: bool,
-    /// Borders of media move.
-    pub borders: bool,
+    lights_only: bool,
     /// What walks have added after at least one scattering.
     pub scattered: Rgb,
     /// Whether the picture's own chains are to be kept where they part, and the one that has.
@@ -348,12 +340,8 @@ impl PathRecord {
             chunk_starts: Vec::new(),
             candidates: None,
             chunk: CHUNK,
-            moving: Arc::new([]),
-            mirrors: None,
+            facts: None,
             lights_only: false,
-            sources: true,
-            still: false,
-            borders: false,
             scattered: Rgb::ZERO,
             parts: false,
             parted: None,
@@ -362,6 +350,13 @@ impl PathRecord {
             share: None,
             back: None,
             unused: Rng::keyed(0, 0, 0, 0),
+        }
+    }
+
+    /// For a sweep.
+    pub(super) fn of(&mut self, facts: &Arc<SweepFacts>) {
+        if !self.facts.as_ref().is_some_and(|own| Arc::ptr_eq(own, facts)) {
+            (self.facts, self.lights_only) = (Some(facts.clone()), facts.lights_only);
         }
     }
 
@@ -438,15 +433,16 @@ impl Recorder for PathRecord {
     }
 
     fn follows(&self, light: u32) -> Option<u64> {
-        self.moving.get(light as usize).map(|m| m.0).filter(|&bit| bit != 0)
+        let light = self.facts.as_ref()?.lights.get(light as usize)?;
+        Some(light.0).filter(|&bit| bit != 0)
     }
 
     fn ways(&self, light: u32) -> Option<&Ways> {
-        self.moving.get(light as usize).map(|m| &m.1)
+        self.facts.as_ref()?.lights.get(light as usize).map(|m| &m.1)
     }
 
     fn mirrors(&self) -> Option<&SweepFacts> {
-        self.mirrors.as_deref()
+        self.facts.as_deref().filter(|f| f.mirrors)
     }
 
     fn chain_so_far(&self) -> Option<Vec<Event>> {
@@ -469,9 +465,9 @@ impl Recorder for PathRecord {
         if self.events.len() < self.chunk || matches!(state.stage, Stage::Medium) {
             return false;
         }
-        let Some(candidates) = &mut self.candidates else { return true };
+        let (Some(candidates), Some(facts)) = (&mut self.candidates, &self.facts) else { return true };
         // The chunk is complete: draw from its candidates, keep only the state that the next one starts from.
-        candidates.scan(scene, &self.events);
+        candidates.scan(facts, scene, &self.events);
         for e in &self.events {
             self.legs.extend(self.opening.ended_by(e));
             self.opening.follow(e);
@@ -496,23 +492,21 @@ impl Recorder for PathRecord {
     }
 
     fn unbounded(&mut self, medium: u32) {
-        if let Some(c) = &mut self.candidates {
-            c.note_unbounded(medium);
+        if let (Some(c), Some(facts)) = (&mut self.candidates, &self.facts) {
+            c.note_unbounded(facts, medium);
         }
     }
 
     fn is_still(&self) -> bool {
-        self.still
+        self.facts.as_ref().is_none_or(|f| !f.moving.any())
     }
 
     fn wants_ends(&self) -> bool {
-        self.borders
+        self.facts.as_ref().is_some_and(|f| f.borders.any())
     }
 
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
-        if self.lights_only || !self.sources {
-            return None;
-        }
+        self.facts.as_ref().filter(|f| f.any_source && !f.lights_only)?;
         // A regenerated chunk must hold as many events as the first time; its candidates are not looked at.
         Some(self.candidates.as_mut().map_or(&mut self.unused, |c| &mut c.rng))
     }

@@ -64,7 +64,6 @@ enum Vertex {
 #[derive(Clone, Debug)]
 pub struct Candidates {
     pub rng: Rng,
-    facts: Arc<SweepFacts>,
     total: f64,
     chosen: Option<(Vertex, Rgb, u32, f64)>,
     /// Shares of the source derivative: by derivative vertices, by collision scores (dimensionless).
@@ -81,14 +80,14 @@ pub struct SweepFacts {
     /// Rough ones whose values are parameters.
     rough: Vec<bool>,
     /// A bit for each light that moves ([`State::left`]), 0 for the others, and how.
-    lights: Arc<[(u64, Ways)]>,
-    any_source: bool,
+    pub(super) lights: Vec<(u64, Ways)>,
+    pub(super) any_source: bool,
     /// Whether something slides beside which paths are walked in pairs.
-    mirrors: bool,
+    pub(super) mirrors: bool,
     /// No parameter changes anything but the place of lights without extent.
-    lights_only: bool,
+    pub(super) lights_only: bool,
     pub(super) moving: Moving,
-    borders: Borders,
+    pub(super) borders: Borders,
 }
 
 #[derive(Clone, Debug)]
@@ -171,43 +170,43 @@ impl SweepFacts {
 }
 
 impl Candidates {
-    pub fn new(facts: &Arc<SweepFacts>, rng: Rng) -> Self {
-        Candidates { rng, facts: facts.clone(), total: 0.0, chosen: None, by_vertex: 0.0, by_score: 0.0, unbounded: 0 }
+    pub fn new(rng: Rng) -> Self {
+        Candidates { rng, total: 0.0, chosen: None, by_vertex: 0.0, by_score: 0.0, unbounded: 0 }
     }
 
     /// The camera line had an unbounded vacuum without a candidate.
-    pub fn note_unbounded(&mut self, medium: u32) {
-        self.unbounded += u64::from(self.facts.media[medium as usize].source);
+    pub fn note_unbounded(&mut self, facts: &SweepFacts, medium: u32) {
+        self.unbounded += u64::from(facts.media[medium as usize].source);
     }
 
     /// Offer every candidate of a chunk.
-    pub fn scan(&mut self, scene: &Scene, events: &[Event]) {
-        if !self.facts.any_source {
+    pub fn scan(&mut self, facts: &SweepFacts, scene: &Scene, events: &[Event]) {
+        if !facts.any_source {
             return;
         }
         for e in events {
             match *e {
                 Event::Candidate { medium, p, w, weight, flight, depth } => {
-                    self.medium(medium, p, w, weight, depth, flight);
+                    self.medium(facts, medium, [p, w], weight, depth, flight);
                 }
                 Event::Span { span, prefix: Some(prefix) } => {
-                    self.span(&span, &prefix);
-                    self.borders(scene, &span, &prefix);
+                    self.span(facts, &span, &prefix);
+                    self.borders(facts, scene, &span, &prefix);
                 }
                 Event::Ends { span, start, end, depth } => {
-                    let places = self.facts.borders.ends(scene, &span);
+                    let places = facts.borders.ends(scene, &span);
                     for (place, weight) in places.into_iter().zip([start, end]) {
                         self.border(scene, place, weight, depth);
                     }
                 }
                 Event::Scatter { medium, p, .. } => {
-                    let m = &self.facts.media[medium as usize];
+                    let m = &facts.media[medium as usize];
                     if m.source {
                         let s = m.model.coefficients(p).1.max();
                         self.by_score += s / (s + m.kappa);
                     }
                 }
-                Event::Surface { surface, hit, wi, medium, prefix } if self.facts.surfaces[surface as usize] => {
+                Event::Surface { surface, hit, wi, medium, prefix } if facts.surfaces[surface as usize] => {
                     let weight = prefix.beta / prefix.r.mean();
                     self.by_score += 1.0;
                     self.by_vertex += KAPPA_RHO * weight.max();
@@ -220,12 +219,12 @@ impl Candidates {
     }
 
     /// A uniform point on the walked part of a span: `E[length g(U)] = integral of T g` [T] (53).
-    fn span(&mut self, span: &MediumSpan, prefix: &Prefix) {
-        if !self.facts.media[span.medium as usize].source {
+    fn span(&mut self, facts: &SweepFacts, span: &MediumSpan, prefix: &Prefix) {
+        if !facts.media[span.medium as usize].source {
             return;
         }
         // Nothing scatters, nor could, where a grid is not.
-        let (t0, t1) = match self.facts.media[span.medium as usize].model.density_grid() {
+        let (t0, t1) = match facts.media[span.medium as usize].model.density_grid() {
             Some(grid) if span.t1 == f64::INFINITY => grid.clip_ray(span.o, span.w, span.t0, span.t1),
             _ => (span.t0, span.t1),
         };
@@ -238,7 +237,7 @@ impl Candidates {
             return;
         }
         let t = t0 + self.rng.uniform() * length;
-        let m = &self.facts.media[span.medium as usize].model;
+        let m = &facts.media[span.medium as usize].model;
         let weight = super::tracking::walked_weight(m, span, t, prefix.beta, prefix.r) * length;
         let whole = MediumSpan { t1: prefix.t_end, ..*span };
         let flight = Flight {
@@ -247,15 +246,15 @@ impl Candidates {
             reach: prefix.reach,
             drawn: prefix.drawn,
         };
-        self.medium(span.medium, span.o + span.w * t, span.w, weight, prefix.depth, flight);
+        self.medium(facts, span.medium, [span.o + span.w * t, span.w], weight, prefix.depth, flight);
     }
 
     /// Ends of a walked piece: the walk was at its start, and at its end if nothing stopped it before.
-    fn borders(&mut self, scene: &Scene, span: &MediumSpan, prefix: &Prefix) {
-        if !self.facts.borders.any() {
+    fn borders(&mut self, facts: &SweepFacts, scene: &Scene, span: &MediumSpan, prefix: &Prefix) {
+        if !facts.borders.any() {
             return;
         }
-        let [start, end] = self.facts.borders.ends(scene, span);
+        let [start, end] = facts.borders.ends(scene, span);
         self.border(scene, start, prefix.beta / prefix.r.mean(), prefix.depth);
         if let Some(place) = end {
             let m = &scene.media[span.medium as usize];
@@ -273,8 +272,8 @@ impl Candidates {
         }
     }
 
-    fn medium(&mut self, medium: u32, p: DVec3, w: DVec3, weight: Rgb, depth: u32, flight: Flight) {
-        let facts = &self.facts.media[medium as usize];
+    fn medium(&mut self, facts: &SweepFacts, medium: u32, [p, w]: [DVec3; 2], weight: Rgb, depth: u32, flight: Flight) {
+        let facts = &facts.media[medium as usize];
         if !facts.source {
             return;
         }
@@ -319,14 +318,11 @@ impl Sweep<'_> {
     ) -> Rgb {
         let beside = self.facts.moving.any() && !self.scene.critical.is_empty();
         rec.chunk_starts.clear();
-        (rec.moving, rec.lights_only) = (self.facts.lights.clone(), self.facts.lights_only);
-        rec.sources = self.facts.any_source;
-        (rec.still, rec.borders) = (!self.facts.moving.any(), self.facts.borders.any());
-        rec.mirrors = self.facts.mirrors.then(|| self.facts.clone());
+        rec.of(&self.facts);
         let aside = state.rng.beside(derivative.next_u64());
         let spans = Rng::keyed(derivative.next_u64(), Purpose::Derivative as u64, 0, 0);
         rec.scattered = Rgb::ZERO;
-        rec.begin(Some(Candidates::new(&self.facts, derivative)), Opening::default());
+        rec.begin(Some(Candidates::new(derivative)), Opening::default());
         let first = || {
             let mut first = state.clone();
             (first.drawn, first.aside) = (beside.then_some(0), aside);
@@ -345,7 +341,7 @@ impl Sweep<'_> {
         }
         let mut lottery = Lottery::new(spans, rec.scattered);
         let Some(mut candidates) = rec.candidates.take() else { return value };
-        candidates.scan(self.scene, &rec.events);
+        candidates.scan(&self.facts, self.scene, &rec.events);
 
         // Backward: the last chunk is at hand, earlier ones are walked again.
         let mut back = rec.back.take().unwrap_or_default();
