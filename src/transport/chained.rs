@@ -1,6 +1,6 @@
 //! What the events of a record mean for the motion of its chains ([`super::motion`]).
 
-use super::first::{FilmLine, First, Nth, Opening, Seen};
+use super::first::{FilmLine, First, Later, Nth, Opening, Seen};
 use super::motion::{Chain, Chained, Moving};
 use super::ray::{MovingRay, Turned};
 use super::record::{End, Event, PathRecord};
@@ -18,11 +18,27 @@ pub struct Start {
     pub ray: MovingRay,
     /// `None` where it has none.
     first: Option<Box<First>>,
+    /// That may have left out what it carries, for which nothing behind it asks.
+    bare: bool,
     /// How the interface that it begins behind turned the ray before, and whether that comes straight from the camera or from another interface.
     turned: Option<Box<(Turned, bool)>>,
 }
 
 static NO_VERTEX: LazyLock<First> = LazyLock::new(First::default);
+
+/// Whether a leg whose first vertex comes before these events has none that is near it: the next interface, if any, ends it, or light from infinity does.
+fn is_left_alone(events: &[Event]) -> bool {
+    for e in events {
+        match e {
+            Event::Chain | Event::Specular(_) => return true,
+            Event::Turn { .. } | Event::Span { .. } | Event::Facets { .. } | Event::Share(_) => {}
+            Event::Emit { end: End::Infinity(_), .. } => {}
+            _ => return false,
+        }
+    }
+    // It may go on in the next chunk.
+    false
+}
 
 /// Where the event of a vertex is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +70,7 @@ impl Starts {
     pub fn find_all(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening) {
         self.counts.clear();
         self.counts.resize(rec.events.len(), true);
-        self.list(scene, moving, rec, open);
+        self.list(scene, moving, rec, open, true);
     }
 
     /// Those that something was collected behind, of events that count. `goes_on`: something was collected behind the last event.
@@ -69,10 +85,11 @@ impl Starts {
             *own = counts || begins;
             counts &= !begins;
         }
-        self.list(scene, moving, rec, open);
+        self.list(scene, moving, rec, open, false);
     }
 
-    fn list(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening) {
+    /// `whole`: with all that first vertices carry.
+    fn list(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening, whole: bool) {
         let Starts { list, counts } = self;
         list.clear();
         if !moving.any() {
@@ -94,10 +111,10 @@ impl Starts {
         let place = |known: bool| if known { At::Before } else { At::Nowhere };
         let first = open.first.map(|_| Box::new(line(scene, moving, &ray).opening(&open)));
         let (begun, second) = (place(open.first.is_some()), place(open.second.is_some()));
-        list.push(Start { begin: 0, place: begun, second, first, ray, turned: None });
+        list.push(Start { begin: 0, place: begun, second, first, bare: false, ray, turned: None });
         let fresh = |begin, ray, turned| {
             let (place, second) = (At::Nowhere, At::Nowhere);
-            Start { begin, place, second, first: None, ray, turned }
+            Start { begin, place, second, first: None, bare: false, ray, turned }
         };
         for (k, e) in rec.events.iter().enumerate() {
             // Of what comes behind nobody asks.
@@ -117,10 +134,13 @@ impl Starts {
             }
             let Some(last) = list.last_mut() else { continue };
             if let (false, Some(s)) = (begun[0], &opening.first) {
-                let known = list.iter().find(|l| l.begins_with(rec, s)).map(|l| l.first().alone());
+                let bare = !whole && is_left_alone(&rec.events[k + 1..]);
+                let later = if bare { Later::Nothing } else { Later::Path };
+                let known = list.iter().find(|l| (bare || !l.bare) && l.begins_with(rec, s));
+                let known = known.map(|l| l.first().alone());
                 let Some(last) = list.last_mut() else { continue };
-                let first = known.unwrap_or_else(|| line(scene, moving, &last.ray).first(s));
-                (last.first, last.place) = (Some(Box::new(first)), At::Event(k));
+                let first = known.unwrap_or_else(|| line(scene, moving, &last.ray).first_for(s, later));
+                (last.first, last.bare, last.place) = (Some(Box::new(first)), bare, At::Event(k));
                 continue;
             }
             if let (false, Some(z)) = (begun[1], &opening.second) {

@@ -302,9 +302,14 @@ impl FilmLine<'_> {
     }
 
     pub fn first(&self, seen: &Seen) -> First {
+        self.first_for(seen, Later::Path)
+    }
+
+    /// Of one that this comes behind.
+    pub fn first_for(&self, seen: &Seen, later: Later) -> First {
         match seen {
             Seen::Surface { hit, w } => self.surface(hit, *w),
-            Seen::Medium { p, span } => self.medium(*p, span, Later::Path),
+            Seen::Medium { p, span } => self.medium(*p, span, later),
         }
     }
 

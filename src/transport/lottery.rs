@@ -6,7 +6,7 @@
 //! It also tells which spans have their depth differentiated at drawn points, and at how many: those of light that has scattered, and of light that comes straight through a medium that scatters.
 
 use crate::math::Rgb;
-use crate::math::rng::Rng;
+use crate::math::rng::{Purpose, Rng};
 use crate::medium::Points;
 
 /// Part of a path's value below which its spans are drawn.
@@ -17,15 +17,22 @@ const STRAIGHT: f64 = 4.0;
 
 /// Draws of one path: the same in forward and reverse mode, whatever is differentiated, and however its record is cut into chunks.
 pub(super) struct Lottery {
-    rng: Rng,
+    key: u64,
+    /// Begun when the first number is asked for.
+    rng: Option<Rng>,
     all: f64,
     scattered: bool,
 }
 
 impl Lottery {
     /// `scattered`: what the path collected, but for light that comes straight, which has none of their variance.
-    pub fn new(rng: Rng, scattered: Rgb) -> Self {
-        Lottery { rng, all: SHARE * scattered.abs().max(), scattered: false }
+    pub fn new(key: u64, scattered: Rgb) -> Self {
+        Lottery { key, rng: None, all: SHARE * scattered.abs().max(), scattered: false }
+    }
+
+    fn uniform(&mut self) -> f64 {
+        let key = self.key;
+        self.rng.get_or_insert_with(|| Rng::keyed(key, Purpose::Derivative as u64, 0, 0)).uniform()
     }
 
     /// `after`, weighted, or `None` where the span is left out. What is not finite stays.
@@ -34,7 +41,7 @@ impl Lottery {
         if q >= 1.0 || q.is_nan() || !after.is_finite() {
             return Some(after);
         }
-        (self.rng.uniform() < q).then(|| after / q)
+        (self.uniform() < q).then(|| after / q)
     }
 
     /// Going backward: light has been connected or scattered behind here, or before.
@@ -52,7 +59,7 @@ impl Lottery {
     pub fn points(&mut self, scatters: bool) -> Option<Points> {
         (self.scattered || scatters).then(|| {
             let denser = if self.scattered { 1.0 } else { STRAIGHT };
-            Points { u: self.rng.uniform(), denser }
+            Points { u: self.uniform(), denser }
         })
     }
 }
@@ -63,7 +70,7 @@ mod tests {
 
     #[test]
     fn what_is_kept_counts_for_what_is_not() {
-        let mut lottery = Lottery::new(Rng::keyed(1, 0, 0, 0), Rgb([0.1, -0.8, 0.2]));
+        let mut lottery = Lottery::new(1, Rgb([0.1, -0.8, 0.2]));
         for (k, a) in [0.2, 0.1, 0.05, 0.02, 0.005].into_iter().enumerate() {
             let after = Rgb([-a, 0.5 * a, 0.0]);
             let (mut sum, mut square, mut kept) = (0.0, 0.0, 0);
@@ -80,6 +87,6 @@ mod tests {
             assert!((kept as f64 / n as f64 - q).abs() < 4.5 * (q * (1.0 - q) / n as f64).sqrt() + 1e-12);
         }
         assert!(lottery.draw(Rgb([f64::NAN, 1e-9, 1e-9])).is_some());
-        assert!(Lottery::new(Rng::keyed(1, 0, 0, 0), Rgb::ZERO).draw(Rgb::splat(1e-9)).is_some());
+        assert!(Lottery::new(1, Rgb::ZERO).draw(Rgb::splat(1e-9)).is_some());
     }
 }

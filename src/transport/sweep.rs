@@ -24,7 +24,7 @@ use super::walk::{Flight, Stage, State, Tally, Walker};
 use super::{aim, way_motion};
 use crate::error::Result;
 use crate::light::Emission;
-use crate::math::rng::{Purpose, Rng};
+use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::{Medium, NO_SLOT};
 use crate::params::{ParamSet, Sink, Slot};
@@ -320,7 +320,7 @@ impl Sweep<'_> {
         rec.chunk_starts.clear();
         rec.of(&self.facts);
         let aside = state.rng.beside(derivative.next_u64());
-        let spans = Rng::keyed(derivative.next_u64(), Purpose::Derivative as u64, 0, 0);
+        let spans = derivative.next_u64();
         rec.scattered = Rgb::ZERO;
         rec.begin(Some(Candidates::new(derivative)), Opening::default());
         let first = || {
