@@ -141,6 +141,12 @@ impl CheckArgs {
             sheet(path, &found, &view)?;
         }
         self.report(&found, &setup, log)?;
+        if found.seconds > 1.1 * self.max_time.as_secs_f64() {
+            log.warn(format!(
+                "this took {}, longer than --max-time: the search for a step and the first 32 rounds of either side are done in any case; fewer parameters, --step or --crop make them shorter",
+                format::time(found.seconds)
+            ));
+        }
         found.health.check(found.samples, self.study.health_limit)?;
         match found.verdict {
             Verdict::Pass => Ok(0),
@@ -228,7 +234,7 @@ fn failure(verdict: Verdict, found: &CheckReport) -> Error {
     let (what, remedy) = match verdict {
         Verdict::Fail => (
             format!("derivative and finite difference differ: {}", of(verdict)),
-            "--sheet draws where; `tyndall plan` shows which terms run; a smaller --step, or --at value, if the picture jumps within the interval",
+            "--sheet draws where; `tyndall plan` shows which terms run; a smaller --step, or --at value, if the picture jumps within the interval; a larger --spp if few samples meet any light",
         ),
         _ => (
             format!("the comparison is not sharp enough: {}", of(verdict)),

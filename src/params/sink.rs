@@ -95,16 +95,27 @@ pub struct Reverse {
     pub scalars: Vec<f64>,
     /// Over the slots of arrays, which come after them.
     pub arrays: ArraySum,
+    /// Whether something was no number, and left out, since this was last asked.
+    nonfinite: bool,
 }
 
 impl Reverse {
     pub fn new(scalars: usize, arrays: ArraySum) -> Self {
-        Reverse { adjoint: Rgb::ZERO, scalars: vec![0.0; scalars], arrays }
+        Reverse { adjoint: Rgb::ZERO, scalars: vec![0.0; scalars], arrays, nonfinite: false }
     }
 
-    /// To one slot, weighted already.
+    /// Whether something was no number since this was last asked.
+    pub fn take_nonfinite(&mut self) -> bool {
+        std::mem::take(&mut self.nonfinite)
+    }
+
+    /// To one slot, weighted already. What is no number is left out.
     #[inline]
     pub fn scatter(&mut self, slot: Slot, value: f64) {
+        if !value.is_finite() {
+            self.nonfinite = true;
+            return;
+        }
         let (slot, scalars) = (slot as usize, self.scalars.len());
         if slot < scalars {
             self.scalars[slot] += value;

@@ -154,8 +154,9 @@ impl Job<'_> {
                             Some(first.map_or([x, y], |f: [usize; 2]| if (f[1], f[0]) <= (y, x) { f } else { [x, y] }));
                     }
                 }
-                // A sample that is not a number is left out whole and counted, never set to 0 in silence.
-                if !value.is_finite() || !one.is_finite() {
+                // A sample that is not a number is left out whole and counted, never set to 0 in silence; of a gradient, those of its partials that are none.
+                let partial = reverse.as_mut().is_some_and(Reverse::take_nonfinite);
+                if !value.is_finite() || !one.is_finite() || partial {
                     film.reject_sample(pixel);
                     continue;
                 }
@@ -218,7 +219,7 @@ impl Job<'_> {
                 let poles = media.then(|| Arc::new(poles));
                 let state = State { poles, ..State::new(rng, o, w, sensor.medium) };
                 swept.path(&state, stream, &mut d, reverse, &mut tally);
-                if d.is_finite() {
+                if d.is_finite() && !reverse.as_mut().is_some_and(Reverse::take_nonfinite) {
                     pixels.iter().for_each(|(p, w)| swept.deposit(&d, *w, *p, film));
                 } else {
                     film.reject_sample(nearest);

@@ -178,19 +178,23 @@ impl Stock {
         Stock { pixels: rounds.clone(), blocks: rounds, next: 0, seconds: 0.0 }
     }
 
-    /// 32 more rounds, which add this share of the samples so far.
+    /// 32 more rounds, which add this share of the samples so far. `took` hears how long the very first one was.
     fn grow(
         &mut self,
         blocks: &Blocks,
         first: u64,
         share: f64,
         mut run: impl FnMut(u64, u64) -> Result<Vec<Vec<f64>>>,
+        took: &mut dyn FnMut(Duration),
     ) -> Result<()> {
         let spp = if self.next == 0 { first } else { (self.spp() * share / ROUNDS as f64).round().max(1.0) as u64 };
         let start = Instant::now();
         for _ in 0..ROUNDS {
             let images = run(spp, self.next)?;
             self.next += 1;
+            if self.next == 1 {
+                took(start.elapsed());
+            }
             for ((image, p), b) in images.iter().zip(&mut self.pixels).zip(&mut self.blocks) {
                 p.push(image, spp as f64);
                 b.push(&blocks.means(image), spp as f64);
@@ -296,17 +300,33 @@ pub fn check(
     })
 }
 
+/// Tells that the rounds that are done in any case take longer than there is time.
+fn say_rounds(name: &str, one: Duration, deadline: Instant, say: &mut dyn FnMut(String)) {
+    let rest = one * (ROUNDS as u32 - 1);
+    if Instant::now() + rest > deadline {
+        let seconds = rest.as_secs_f64();
+        say(format!(
+            "{name}: {} rounds more are done in any case, in about {seconds:.0} s, longer than --max-time",
+            ROUNDS - 1
+        ));
+    }
+}
+
 impl Bench<'_> {
-    fn more_of_ours(&self, over: Option<Interval>, side: &mut Stock, share: f64) -> Result<()> {
+    fn more_of_ours(
+        &self,
+        over: Option<Interval>,
+        side: &mut Stock,
+        share: f64,
+        took: &mut dyn FnMut(Duration),
+    ) -> Result<()> {
         let seed = self.options.seed;
-        match over {
-            Some(interval) => side.grow(&self.blocks, interval.first, share, |spp, round| {
-                interval.round(self.estimator, spp, seed, round, &self.health)
-            }),
-            None => side.grow(&self.blocks, self.first, share, |spp, round| {
-                (self.estimator)(&self.member, &self.params, spp, stream(seed, 1, round), &self.health)
-            }),
-        }
+        let first = over.as_ref().map_or(self.first, |i| i.first);
+        let run = |spp, round| match over {
+            Some(interval) => interval.round(self.estimator, spp, seed, round, &self.health),
+            None => (self.estimator)(&self.member, &self.params, spp, stream(seed, 1, round), &self.health),
+        };
+        side.grow(&self.blocks, first, share, run, took)
     }
 
     fn begin<'b>(&'b self, k: usize, name: &'b str, say: &mut dyn FnMut(String)) -> Result<Trial<'b>> {
@@ -346,7 +366,8 @@ impl Bench<'_> {
         let [mut more_ours, mut more_theirs] = [&*ours, &*theirs].map(|s| f64::from(u8::from(s.next == 0)));
         loop {
             if more_ours > 0.0 {
-                match (self.more_of_ours(interval.as_deref().copied(), ours, more_ours), &mut interval) {
+                let took = &mut |t| say_rounds(name, t, deadline, say);
+                match (self.more_of_ours(interval.as_deref().copied(), ours, more_ours, took), &mut interval) {
                     // Something is refused in the middle, where nobody had looked.
                     (Err(Error::Usage { .. }), Some(interval)) if o.step.is_none() && *generation < NARROWER => {
                         interval.step *= 0.5;
@@ -360,7 +381,8 @@ impl Bench<'_> {
                 }
             }
             if more_theirs > 0.0 {
-                self.more_of_theirs(difference, theirs, *generation, more_theirs)?;
+                let took = &mut |t| say_rounds(name, t, deadline, say);
+                self.more_of_theirs(difference, theirs, *generation, more_theirs, took)?;
             }
             // What one sample of a difference can be, by the brightest pixel.
             let event = ours.pixels[0].mean.iter().copied().fold(0.0, f64::max) / (2.0 * difference.step);
@@ -455,12 +477,19 @@ impl Bench<'_> {
         Ok((s.side, s.step, s.rungs, false))
     }
 
-    fn more_of_theirs(&self, d: &Difference, side: &mut Stock, generation: u64, share: f64) -> Result<()> {
+    fn more_of_theirs(
+        &self,
+        d: &Difference,
+        side: &mut Stock,
+        generation: u64,
+        share: f64,
+        took: &mut dyn FnMut(Duration),
+    ) -> Result<()> {
         let run = |spp, round| {
             let seed = stream(self.options.seed, 2, round + (generation << 16));
             d.round(&self.view, spp, seed, &self.health)
         };
-        side.grow(&self.blocks, self.first, share, run)
+        side.grow(&self.blocks, self.first, share, run, took)
     }
 
     /// By what share of its samples each side is to grow: the one whose next sample takes off more variance for what it costs, both where they are alike,

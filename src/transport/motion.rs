@@ -568,6 +568,14 @@ impl<'a> Vertex<'a> {
             Tip::Infinity(w) => (x, *w, f64::INFINITY),
             Tip::Beam(_) | Tip::Way { .. } => return,
         };
+        // From face to face of one plane: rounding alone lets light through.
+        let own = match self.place {
+            Place::Surface { hit, .. } => hit.ns.dot(w) == 0.0,
+            Place::Medium { .. } => false,
+        };
+        if own || matches!(&leg.tip, Tip::Surface { n, .. } if n.dot(w) == 0.0) {
+            return;
+        }
         // On ż - ẋ, and apart from each other.
         let mut between = Covector::default();
         let mut near = Covector::default();
