@@ -311,12 +311,7 @@ impl Scene {
 
     pub(super) fn hit(&self, t: f64, p: DVec3, shape: u32, face: u32) -> Hit {
         let s = &self.shapes[shape as usize].shape;
-        // Put the point on the surface where that is exact.
-        let p = match s {
-            Shape::Sphere(sphere) => sphere.snap(p),
-            Shape::Cylinder(cylinder) => cylinder.snap(p),
-            _ => p,
-        };
+        let p = s.snap(face, p);
         let n = s.normal(face, p);
         let ns = match s {
             Shape::Mesh(m) if !self.shapes[shape as usize].face_normals => m

@@ -147,6 +147,19 @@ macro_rules! each {
 }
 
 impl Shape {
+    /// A computed point of a face, put back on it: rays bring the rounding of where they began, and faces in one plane are told apart from others by less than that where coordinates are small.
+    pub fn snap(&self, face: u32, p: DVec3) -> DVec3 {
+        let on = match self {
+            Shape::Sphere(s) => return s.snap(p),
+            Shape::Cylinder(s) => return s.snap(p),
+            Shape::Mesh(m) => m.corners(face)[0],
+            Shape::Disk(_) => self.position(face, DVec2::ZERO),
+            Shape::Rectangle(_) | Shape::Cube(_) => self.position(face, DVec2::splat(0.5)),
+        };
+        let n = self.normal(face, p);
+        p - n * n.dot(p - on)
+    }
+
     /// How the unit normal n turns as its point p moves over the surface, as a map on velocities, 1/length.
     pub fn curvature(&self, p: DVec3, n: DVec3) -> DMat3 {
         let outer = |a: DVec3| DMat3::from_cols(a * a.x, a * a.y, a * a.z);

