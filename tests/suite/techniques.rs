@@ -73,10 +73,11 @@ fn weighing_lights_changes_the_variance_only() {
     let (_, mut by_power) = scene(&text);
     by_power.distant.clear();
     let spp = 1 << 14;
-    let pair = |k| (run(&all, spp, 2 * k + 1, Mode::Forward(&p)), run(&by_power, spp, 2 * k + 2, Mode::Forward(&p)));
+    let pair =
+        |k: u64| (run(&all, spp, 2 * k + 1, Mode::Forward(&p)), run(&by_power, spp, 2 * k + 2, Mode::Forward(&p)));
     // Single ratios of variances scatter by a tenth.
     let mut squares = [0.0; 2];
-    for (a, b) in (0..4).map(pair) {
+    for (a, b) in (0..4u64).map(pair) {
         for l in 0..3 {
             let (a, b) = (estimate(&a, l), estimate(&b, l));
             let z = (a.value[0] - b.value[0]) / a.error[0].hypot(b.error[0]);
