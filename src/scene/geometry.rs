@@ -311,8 +311,7 @@ impl Scene {
 
     pub(super) fn hit(&self, t: f64, p: DVec3, shape: u32, face: u32) -> Hit {
         let s = &self.shapes[shape as usize].shape;
-        let p = s.snap(face, p);
-        let n = s.normal(face, p);
+        let (p, n) = s.snap(face, p);
         let ns = match s {
             Shape::Mesh(m) if !self.shapes[shape as usize].face_normals => m
                 .resolve(face, p + n, -n)

@@ -147,17 +147,24 @@ macro_rules! each {
 }
 
 impl Shape {
-    /// A computed point of a face, put back on it: rays bring the rounding of where they began, and faces in one plane are told apart from others by less than that where coordinates are small.
-    pub fn snap(&self, face: u32, p: DVec3) -> DVec3 {
+    /// A computed point of a face, put back on it, with the normal there: rays bring the rounding of where they began, and faces in one plane are told apart from others by less than that
+    /// where coordinates are small.
+    pub fn snap(&self, face: u32, p: DVec3) -> (DVec3, DVec3) {
         let on = match self {
-            Shape::Sphere(s) => return s.snap(p),
-            Shape::Cylinder(s) => return s.snap(p),
+            Shape::Sphere(s) => {
+                let p = s.snap(p);
+                return (p, s.normal(face, p));
+            }
+            Shape::Cylinder(s) => {
+                let p = s.snap(p);
+                return (p, s.normal(face, p));
+            }
             Shape::Mesh(m) => m.corners(face)[0],
             Shape::Disk(_) => self.position(face, DVec2::ZERO),
             Shape::Rectangle(_) | Shape::Cube(_) => self.position(face, DVec2::splat(0.5)),
         };
         let n = self.normal(face, p);
-        p - n * n.dot(p - on)
+        (p - n * n.dot(p - on), n)
     }
 
     /// How the unit normal n turns as its point p moves over the surface, as a map on velocities, 1/length.
