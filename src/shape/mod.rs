@@ -148,7 +148,7 @@ macro_rules! each {
 
 impl Shape {
     /// A computed point of a face, put back on it, with the normal there: rays bring the rounding of where they began, and faces in one plane are told apart from others by less than that
-    /// where coordinates are small.
+    /// where coordinates are small. Not from so far that the normal's own rounding brings more.
     pub fn snap(&self, face: u32, p: DVec3) -> (DVec3, DVec3) {
         let on = match self {
             Shape::Sphere(s) => {
@@ -163,8 +163,9 @@ impl Shape {
             Shape::Disk(_) => self.position(face, DVec2::ZERO),
             Shape::Rectangle(_) | Shape::Cube(_) => self.position(face, DVec2::splat(0.5)),
         };
-        let n = self.normal(face, p);
-        (p - n * n.dot(p - on), n)
+        let (n, off) = (self.normal(face, p), p - on);
+        let is_near = off.abs().max_element() <= 8.0 * p.abs().max_element();
+        (if is_near { p - n * n.dot(off) } else { p }, n)
     }
 
     /// How the unit normal n turns as its point p moves over the surface, as a map on velocities, 1/length.
