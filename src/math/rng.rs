@@ -110,7 +110,7 @@ impl Rng {
         Rng { even: if self.even.end > 0 { even } else { Even::NONE }, ..Rng::keyed(key, Purpose::Motion as u64, 0, 0) }
     }
 
-    /// The stream of the `k`-th branch of a path, its first numbers even by themselves; this one goes on with the same coordinates. Paths have [`BRANCHES`] of them, what is behind is not even.
+    /// The stream of the `k`-th branch of a path, its first numbers even by themselves; this one goes on with the same coordinates. Twelve of a path have even numbers.
     pub fn branch(&mut self, k: u32) -> Self {
         let first = 2 * COORDINATES + BRANCH * k;
         let even = Even { next: first, end: first + BRANCH, ..self.even };
