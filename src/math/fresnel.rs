@@ -61,7 +61,7 @@ pub struct Sloped {
 }
 
 impl Interface<f64> {
-    /// F with its slopes: with `D = ηc + q` and `E = c + ηq`, `q_c = η² c/q`, `q_η = -η (1-c²)/q`; 0 in total reflection.
+    /// F [T] (42) with its slopes: with `D = ηc + q` and `E = c + ηq`, `q_c = η² c/q`, `q_η = -η (1-c²)/q`; 0 in total reflection.
     pub fn sloped_reflectance(&self) -> Sloped {
         let Some(q) = self.q else { return Sloped { v: 1.0, by_c: 0.0, by_eta: 0.0 } };
         let (eta, c) = (self.eta, self.c);
@@ -79,7 +79,7 @@ impl Interface<f64> {
         Sloped { v: 0.5 * (s * s + p * p), by_c: s * s_c + p * p_c, by_eta: s * s_eta + p * p_eta }
     }
 
-    /// [`Interface::bend`] with its slopes; `None` in total reflection.
+    /// [`Interface::bend`] [T] (40) with its slopes; `None` in total reflection.
     pub fn sloped_bend(&self) -> Option<Sloped> {
         let (q, a) = (self.q?, self.bend()?);
         Some(Sloped { v: a, by_c: -a * self.eta / q, by_eta: self.c + self.eta * (1.0 - self.c * self.c) / q })

@@ -110,7 +110,7 @@ impl Rng {
         Rng { even: if self.even.end > 0 { even } else { Even::NONE }, ..Rng::keyed(key, Purpose::Motion as u64, 0, 0) }
     }
 
-    /// The stream of the `k`-th branch of a path, its first numbers even by themselves; this one goes on with the same coordinates. Twelve of a path have even numbers.
+    /// The stream of branch `k` of a path, which no other has, its first numbers even by themselves; this one goes on with the same coordinates. The first twelve have even numbers.
     pub fn branch(&mut self, k: u32) -> Self {
         let first = 2 * COORDINATES + BRANCH * k;
         let even = Even { next: first, end: first + BRANCH, ..self.even };
@@ -215,13 +215,14 @@ mod tests {
         };
         // Any 64 neighbours that start at a multiple of 64: one in each 64th, in every coordinate, beyond the tables' end too.
         for first in [0, 192, POINTS - 64, POINTS] {
-            for k in [0, 7, COORDINATES - 1, COORDINATES] {
+            for k in [0, 7, COORDINATES - 1, COORDINATES, COORDINATES + 1] {
                 let stratum = |i| {
                     let mut r = Rng::even(9, 1, 2, first + i);
-                    if k == COORDINATES {
-                        r = r.beside(1);
+                    match k {
+                        COORDINATES => r = r.beside(1),
+                        k if k > COORDINATES => r = r.branch(BRANCHES - 1),
+                        k => skip(&mut r, k),
                     }
-                    skip(&mut r, k % COORDINATES);
                     (r.uniform() * 64.0) as u64
                 };
                 let mut strata: Vec<u64> = (0..64).map(stratum).collect();

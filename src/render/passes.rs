@@ -67,6 +67,9 @@ impl Job<'_> {
             (Mode::Reverse(_, adjoint), Some(r)) => {
                 let sum: f64 = taken.iter().map(|(pixel, w)| adjoint[*pixel].dot(*w)).sum();
                 c.partials().filter(|_| sum != 0.0).for_each(|(slot, v)| r.scatter(slot, sum * v));
+                if r.take_nonfinite() {
+                    film.reject_sample(taken[0].0);
+                }
             }
             _ => {}
         }
@@ -303,5 +306,7 @@ mod tests {
         let reverse = || Mode::Reverse(&params, &adjoint);
         assert_eq!(run(reverse(), 3.0, [2.0, 5.0]).2, Some(3.0 * 3.0 * (2.0 + 50.0)));
         assert_eq!(run(reverse(), 3.0, [f64::NAN, 5.0]).2, Some(3.0 * 3.0 * 50.0));
+        // Too large with its weight alone: counted here, not at the next path.
+        assert_eq!(run(reverse(), 1e300, [1e10, 0.0]).1, vec![1, 0, 0, 0]);
     }
 }

@@ -300,13 +300,13 @@ pub fn check(
     })
 }
 
-/// Tells that the rounds that are done in any case take longer than there is time.
+/// Tells that the rounds that are done in any case take longer than the parameter has.
 fn say_rounds(name: &str, one: Duration, deadline: Instant, say: &mut dyn FnMut(String)) {
     let rest = one * (ROUNDS as u32 - 1);
-    if Instant::now() + rest > deadline {
+    if rest >= Duration::from_secs(1) && Instant::now() + rest > deadline {
         let seconds = rest.as_secs_f64();
         say(format!(
-            "{name}: {} rounds more are done in any case, in about {seconds:.0} s, longer than --max-time",
+            "{name}: {} more rounds of one side, about {seconds:.0} s, are done whatever --max-time says",
             ROUNDS - 1
         ));
     }

@@ -85,7 +85,7 @@ pub fn start<R: Recorder>(w: &mut Walker<R>, s: &mut State) {
     // Follow both parts, or one of them.
     let scattered = scatters && share.scatter > 0.0 && (share.both || s.rng.uniform() < share.scatter);
     if scattered && share.both && !transmitted.is_zero() {
-        let mut passing = s.branch(1 + s.depth);
+        let mut passing = s.branch();
         unscattered(&mut passing, end, prefix * transmitted);
         record_passing(w, &mut passing, pieces, true);
         s.pending = Some(passing);

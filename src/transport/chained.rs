@@ -134,7 +134,7 @@ impl Starts {
             }
             let Some(last) = list.last_mut() else { continue };
             if let (false, Some(s)) = (begun[0], &opening.first) {
-                let bare = !whole && is_left_alone(&rec.events[k + 1..]);
+                let bare = !whole && matches!(s, Seen::Medium { .. }) && is_left_alone(&rec.events[k + 1..]);
                 let later = if bare { Later::Nothing } else { Later::Path };
                 let known = list.iter().find(|l| (bare || !l.bare) && l.begins_with(rec, s));
                 let known = known.map(|l| l.first().alone());

@@ -1,6 +1,6 @@
 //! The record of a path: what the backward sweep needs, in the order in which it happened.
 //!
-//! A record holds one or two chains (`Event::Chain` starts one), the scattered and the unscattered part of a camera line (through fine grids the first may turn out to pass, too), and for each the mirrored one, if it has one ([`super::mirror`]).
+//! A record holds a few chains (`Event::Chain` starts one): the scattered and the unscattered part of a camera line (through fine grids the first may turn out to pass, too), those of the ray mirrored at the first interface, and for each the mirrored path, if it has one ([`super::mirror`]).
 //! Memory is bounded: a path longer than `CHUNK` events keeps checkpoints, and the sweep regenerates one chunk at a time.
 
 use super::aim::Aim;
@@ -482,7 +482,9 @@ impl Recorder for PathRecord {
 
     fn parts(&mut self, state: &State, value: [Rgb; 2]) -> bool {
         if self.parts {
-            self.parted = Some(Box::new((state.plain(), value)));
+            // The stage at hand, which is taken again, has been counted.
+            let plain = State { steps: state.steps - 1, ..state.plain() };
+            self.parted = Some(Box::new((plain, value)));
         }
         self.parts
     }

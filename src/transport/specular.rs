@@ -84,7 +84,7 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         [None, None] => s.stage = Stage::Done,
         [Some(r), None] | [None, Some(r)] => follow(s, &r, 1.0, false),
         [Some(mirrored), Some(refracted)] if first => {
-            let mut other = s.branch(0);
+            let mut other = s.branch();
             follow(&mut other, &mirrored, 1.0, true);
             follow(s, &refracted, 1.0, false);
             s.pending = Some(other);

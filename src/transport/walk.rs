@@ -79,10 +79,12 @@ pub struct State {
     pub unit_reflectance: bool,
     /// Of a mirrored path ([`mirror`]): the stream aside that the walk goes on with after it.
     pub mirrored: Option<Box<Rng>>,
-    /// The second chain: the unscattered part of the camera line.
+    /// What waits for this chain to end, one behind the other: unscattered parts of camera lines, the ray mirrored at the first interface, a mirrored path.
     pub pending: Option<Box<State>>,
     /// Spans of the camera line up to here, and what turned it, for the records of all chains that begin with them; of a mirrored path, its chain's events up to the first vertex, too.
     pub lead: Lead,
+    /// Its number in the tree of all chains of its path, from 1: of k, 2k goes on where 2k + 1 branches off.
+    pub chain: u32,
     /// Nothing but smooth interfaces has turned it since the camera.
     pub direct: bool,
     /// Of these the last ones.
@@ -134,11 +136,14 @@ impl State {
         State { drawn: None, flight, mirrored: None, pending: None, lead: Lead::default(), poles: None, ..*self }
     }
 
-    /// What is to be followed besides, in a chain of its own: the `k`-th of its path.
-    pub fn branch(&mut self, k: u32) -> Box<State> {
+    /// What is to be followed besides, in a chain of its own.
+    pub fn branch(&mut self) -> Box<State> {
         let waiting = self.pending.take();
         let mut branch = Box::new(self.clone());
-        (branch.pending, branch.rng) = (waiting, self.rng.branch(k));
+        (branch.pending, branch.rng) = (waiting, self.rng.branch(self.chain - 1));
+        // Beyond the first few numbers nobody asks which it is.
+        let k = self.chain.min(1 << 30);
+        (branch.chain, self.chain) = (2 * k + 1, 2 * k);
         branch
     }
 
@@ -172,6 +177,7 @@ impl State {
             mirrored: None,
             pending: None,
             lead: Lead::default(),
+            chain: 1,
             direct: true,
             in_a_row: 0,
             poles: None,
@@ -262,14 +268,14 @@ impl<'a, R: Recorder> Walker<'a, R> {
             if self.rec.checkpoint(self.scene, s) || self.rec.is_over(s) {
                 return;
             }
-            if R::ON && s.drawn.is_some() && s.looks_beside(self.scene) {
-                self.part(s);
-            }
             s.steps += 1;
             if s.steps > self.set.cap {
                 self.tally.capped += 1;
                 self.tally.truncated += (s.beta / s.r.mean()).max();
                 s.stage = Stage::Done;
+            }
+            if R::ON && s.drawn.is_some() && s.looks_beside(self.scene) {
+                self.part(s);
             }
             match s.stage {
                 Stage::Fly => self.fly(s),
@@ -301,12 +307,12 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
     }
 
-    /// What all chains have come to. Where the record's path goes other ways than the picture's, it is the picture's value.
+    /// What all chains have come to; where the record keeps those of the picture that part, the picture's value.
     pub fn total(&self) -> Rgb {
         self.done + self.value
     }
 
-    /// The picture's own chain parts from the record's at this stage.
+    /// The picture's own chain parts from the record's at this stage, which it takes again.
     pub(super) fn part(&mut self, s: &mut State) {
         if !s.astray {
             s.astray = self.rec.parts(s, [self.done, self.value]);

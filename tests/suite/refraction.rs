@@ -481,6 +481,8 @@ fn same_in_chunks(text: &str, names: &[&str], least: usize) {
             let mut sink = Forward::new(&p);
             let mut tally = Tally::default();
             let value = sweep.sample(&state, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
+            // The picture's own path, where the recorded one goes other ways.
+            assert_eq!(value, tyndall::transport::sample(&scene, &scene.settings, state, &mut tally));
             (value, sink.image, rec.chunk_starts.len())
         };
         let (v, d, _) = run(usize::MAX);
