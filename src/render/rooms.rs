@@ -13,7 +13,7 @@ use crate::params::{ParamSet, Sink, Slot};
 use crate::scene::parts::Filter;
 use crate::scene::{Around, Scene};
 use crate::sensor::Sensor;
-use crate::term::{Context, EdgeForm, Motion, ROOMS, Room, Sample, rooms};
+use crate::term::{Context, EdgeForm, Motion, ROOMS, Room, Sample, frosted, rooms};
 use crate::transport::Tally;
 use smallvec::SmallVec;
 use std::sync::Arc;
@@ -72,6 +72,7 @@ pub struct Rooms<'a> {
     around: Around,
     filter: Filter,
     even: bool,
+    frosted: bool,
     seed: u64,
     pub list: Vec<Box<dyn Room>>,
     /// Camera rays a pixel for one sample of the picture (on average), and outward samples over the whole film, of each room.
@@ -168,6 +169,7 @@ impl<'a> Rooms<'a> {
             around,
             filter,
             even: scene.films[index].even,
+            frosted: frosted::has_any(scene),
             seed,
             list,
             along,
@@ -216,6 +218,7 @@ impl<'a> Rooms<'a> {
             around: self.around,
             margin: filter::radius(self.filter),
             moving: &self.motion.moving,
+            frosted: self.frosted,
             tally: Tally::default(),
         }
     }

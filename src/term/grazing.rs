@@ -9,7 +9,7 @@
 
 use super::edge_set::{EdgeSet, Ends, SharedEdge};
 use super::ends::{self, ByOrder, Point, Watch};
-use super::grazing_line::{Curve, Line};
+use super::grazing_line::{Curve, Line, Toward};
 use super::light_walk::{LightWalk, Vertex, seen};
 use super::rims::rims;
 use super::sheet::{Grazed, Partials, Reach};
@@ -160,10 +160,14 @@ impl Edges {
 
     /// Draw a line from the curve outward by its place t on it, the choice of a lamp, and a direction; the densities do not hold the element's
     /// probability.
-    fn draw(&self, scene: &Scene, curve: &Curve, t: f64, [way, u, v]: [f64; 3]) -> Option<Line> {
-        let to_lamp = self.lamps.total > 0.0 && way < TO_LAMPS;
-        let lamp = to_lamp.then(|| self.lamps.sample(way / TO_LAMPS).0 as u32);
-        let line = curve.draw(scene, lamp, [t, u, v])?;
+    fn draw(&self, cx: &Context, curve: &Curve, t: f64, [way, u, v]: [f64; 3]) -> Option<Line> {
+        let lamps = if self.lamps.total > 0.0 { TO_LAMPS } else { 0.0 };
+        let toward = if way < lamps {
+            Toward::Lamp(self.lamps.sample(way / lamps).0 as u32)
+        } else {
+            Toward::Own((way - lamps) / (1.0 - lamps))
+        };
+        let line = curve.draw(cx, toward, [t, u, v])?;
         Some(Line { own: self.own_share() * line.own, ..line })
     }
 }
@@ -285,7 +289,7 @@ impl Edges {
     pub fn sample(&self, cx: &mut Context, &[place, way, u, v, _]: &Numbers) -> Option<Graze> {
         let (k, probability, t) = self.table.sample(place);
         let element = self.element(cx.scene, k);
-        let line = self.draw(cx.scene, &element.curve, t, [way, u, v])?;
+        let line = self.draw(cx, &element.curve, t, [way, u, v])?;
         let near = near_end(cx.scene, line.b, -line.w, &element.grazed)?;
         Graze::new(cx, line, element, probability, near)
     }

@@ -1,5 +1,5 @@
-//! Lines that graze an edge, a sphere, a wall or a rim, with the densities of drawing them: from the curve outward ([T] 2.2), toward a lamp, and from a point
-//! that looks at its outline.
+//! Lines that graze an edge, a sphere, a wall or a rim, with the densities of drawing them: from the curve outward ([T] 2.2; a part of them with its near end toward the camera by
+//! rough glass, [`super::frosted`]), toward a lamp, and from a point that looks at its outline.
 //!
 //! A smooth surface has the grazing lines `dA dθ |κ(θ)|` (B on it, θ the line's turn in the tangent plane, κ(θ) the normal curvature along the line) in place of
 //! `dl dω sin α`: what the edges of finer and finer polyhedra tend to. That is `1/R` of a sphere. Of a cylinder it is `cos²θ/R`, θ counted from the circle: an edge of the
@@ -8,12 +8,15 @@
 //! From a point S at the distance d of B the outline is a curve for all of them, and `dl dω sin α ds = dl sin α / d² dV` ([T] 2, with `dω ds = dV/d²`); on a
 //! surface `dω = dA |cos| / d²`.
 
+use super::Context;
+use super::frosted::{self, Frosted};
 use super::rims::Rim;
 use super::wedge::{frame_of, wedge};
 use crate::light::LightKind;
 use crate::math::equiangular::EquiAngular;
 use crate::math::{DVec2, DVec3, warp};
-use crate::scene::{Hit, Scene};
+use crate::scene::Hit;
+use crate::scene::Scene;
 use crate::shape::edges::Edge;
 use crate::shape::{Cylinder, Geometry};
 use std::f64::consts::{PI, TAU};
@@ -29,6 +32,14 @@ pub enum Curve {
     /// The wall, from outside.
     Cylinder(Cylinder),
     Rim(Rim),
+}
+
+/// How a line is drawn.
+#[derive(Clone, Copy, Debug)]
+pub enum Toward {
+    Lamp(u32),
+    /// From the curve alone; the number chooses among its ways.
+    Own(f64),
 }
 
 /// A line that grazes a curve.
@@ -65,39 +76,48 @@ impl Line {
 }
 
 impl Curve {
-    /// Draw a line, toward the lamp or from the curve alone. The densities do not hold the probability of either.
-    pub fn draw(&self, scene: &Scene, lamp: Option<u32>, [t, u, v]: [f64; 3]) -> Option<Line> {
+    /// Draw a line, toward a lamp or from the curve alone. The densities do not hold the probability of either.
+    pub fn draw(&self, cx: &Context, toward: Toward, [t, u, v]: [f64; 3]) -> Option<Line> {
+        let scene = cx.scene;
         match self {
             Curve::Edge(e) => {
                 let length = (e.b - e.a).length();
                 let b = e.a + (e.b - e.a) * t;
-                past_edge(scene, e, b, length.recip(), lamp, u, v)
+                past_edge(cx, e, (b, length.recip()), toward, [u, v])
             }
             Curve::Rim(rim) => {
                 let edge = rim.edge(t);
                 let per_length = 1.0 / (TAU * (edge.b - edge.a).length());
-                past_edge(scene, &edge, edge.a, per_length, lamp, u, v)
+                past_edge(cx, &edge, (edge.a, per_length), toward, [u, v])
             }
-            Curve::Cylinder(q) => match lamp {
-                None => along_wall(q, t, u, v),
-                Some(light) => past_wall(scene, q, light, t, u, v),
+            Curve::Cylinder(q) => match toward {
+                Toward::Own(_) => along_wall(q, t, u, v),
+                Toward::Lamp(light) => past_wall(scene, q, light, t, u, v),
             },
             Curve::Sphere { c, r } => {
-                let uniform = 1.0 / (4.0 * PI * r * r * TAU);
-                match lamp {
-                    None => {
-                        let n = warp::sphere(u, v);
-                        let (x, y) = warp::frame(n);
-                        let (s, q) = (TAU * t).sin_cos();
-                        Some(Line::own(*c + n * *r, x * q + y * s, n, 1.0 / r, uniform))
+                let frosted = Frosted::of(cx, *c);
+                match toward {
+                    Toward::Own(choice) => {
+                        let seen = frosted.filter(|_| choice < frosted::SHARE);
+                        let n = seen.as_ref().map_or_else(|| warp::sphere(u, v), |f| f.rim(*r, u, v));
+                        let b = *c + n * *r;
+                        let at = frosted.and_then(|f| Some((f, Frosted::of(cx, b)?)));
+                        let w = match at.as_ref().filter(|_| seen.is_some()) {
+                            Some((_, f)) => -f.turned_about(n, t),
+                            None => turned(n, TAU * t),
+                        };
+                        Some(Line::own(b, w, n, 1.0 / r, on_sphere(*r, at.as_ref(), n, w)))
                     }
-                    Some(light) => {
+                    Toward::Lamp(light) => {
                         let LightKind::Area { shape } = scene.lights[light as usize].kind else { return None };
                         let z = scene.shapes[shape as usize].shape.sample(u, v);
                         let o = outline(*c, *r, z.p, t)?;
                         let lamp = sphere_density(*r, o.sin, o.distance, z.n.dot(o.w), z.pdf_area)?;
                         let target = Some((light, o.distance));
-                        Some(Line { lamp, target, ..Line::own(*c + o.n * *r, -o.w, o.n, 1.0 / r, uniform) })
+                        let b = *c + o.n * *r;
+                        let at = frosted.and_then(|f| Some((f, Frosted::of(cx, b)?)));
+                        let own = on_sphere(*r, at.as_ref(), o.n, -o.w);
+                        Some(Line { lamp, target, ..Line::own(b, -o.w, o.n, 1.0 / r, own) })
                     }
                 }
             }
@@ -186,17 +206,40 @@ pub(super) fn seen_on(a: DVec3, b: DVec3, p: DVec3, u: f64) -> Option<(DVec3, f6
     })
 }
 
+/// A direction in the plane across n.
+fn turned(n: DVec3, angle: f64) -> DVec3 {
+    let (x, y) = warp::frame(n);
+    let (s, q) = angle.sin_cos();
+    x * q + y * s
+}
+
+/// Density `dA dθ` of lines that touch a sphere where its normal is n, as they are drawn from the curve alone: evenly, and where the camera sees its middle and the point of touch by rough glass.
+fn on_sphere(r: f64, seen: Option<&(Frosted, Frosted)>, n: DVec3, w: DVec3) -> f64 {
+    let even = 1.0 / (4.0 * PI * r * r * TAU);
+    seen.map_or(even, |(middle, at)| {
+        let aimed = middle.rim_density(r, n) / (r * r) * at.density_about(n, -w);
+        even + frosted::SHARE * (aimed - even)
+    })
+}
+
 /// A line through the point b of an edge, drawn with `per_length`.
-fn past_edge(scene: &Scene, edge: &Edge, b: DVec3, per_length: f64, lamp: Option<u32>, u: f64, v: f64) -> Option<Line> {
+fn past_edge(
+    cx: &Context,
+    edge: &Edge,
+    (b, per_length): (DVec3, f64),
+    toward: Toward,
+    [u, v]: [f64; 2],
+) -> Option<Line> {
     let t = (edge.b - edge.a).normalize();
     let (first, width) = wedge(edge);
-    let own = per_length / (4.0 * width);
-    let (w, lamp, target) = match lamp {
-        Some(light) => {
-            let a = scene.arrival(light, b, u, v)?;
+    let frosted = Frosted::of(cx, b);
+    let (w, lamp, target) = match (toward, &frosted) {
+        (Toward::Lamp(light), _) => {
+            let a = cx.scene.arrival(light, b, u, v)?;
             (a.w, a.pdf * per_length, Some((light, a.distance)))
         }
-        None => {
+        (Toward::Own(choice), Some(f)) if choice < frosted::SHARE => (-f.sample(u, v), 0.0, None),
+        (Toward::Own(_), _) => {
             // Uniform in the angles around the edge that graze it, both ways, and in the cosine with it.
             let z = 2.0 * u - 1.0;
             let (half, v) = if v < 0.5 { (0.0, 2.0 * v) } else { (PI, 2.0 * v - 1.0) };
@@ -207,6 +250,8 @@ fn past_edge(scene: &Scene, edge: &Edge, b: DVec3, per_length: f64, lamp: Option
     };
     let normal = t.cross(w);
     let n = unblocked(edge, normal)?;
+    let even = 1.0 / (4.0 * width);
+    let own = per_length * frosted.map_or(even, |f| even + frosted::SHARE * (f.density(-w) - even));
     Some(Line { per_length, lamp, target, ..Line::own(b, w, n, normal.length(), own) })
 }
 

@@ -6,6 +6,7 @@
 //! that it subtends at z, with a pole at z. The balance heuristic of both bounds both [T] (63).
 
 use super::ends::{ByOrder, Point, Watch};
+use super::frosted::{self, Frosted};
 use super::sheet::{Partials, Reach};
 use super::{Context, Sample};
 use crate::light::{Arrival, Emission};
@@ -13,6 +14,7 @@ use crate::math::equiangular::EquiAngular;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
 use crate::phase::one_minus_cos;
+use crate::scene::critical::Critical;
 use crate::scene::{Hit, March, On, Scene};
 use crate::sensor::Projected;
 use crate::surface::Surface;
@@ -68,30 +70,49 @@ impl Vertex {
         }
     }
 
-    /// A direction to go on in, with `scatter / density`, and the density per solid angle.
-    fn sample(&self, scene: &Scene, rng: &mut Rng) -> Option<(DVec3, Rgb, f64)> {
-        let (u, v) = (rng.uniform(), rng.uniform());
-        match &self.hit {
-            None => {
-                let (d, m) = scene.media[self.medium? as usize].phase.sample(self.w, u, v);
-                Some((d, Rgb::ONE, scene.media[self.medium? as usize].phase.eval(m)))
-            }
+    /// The way from here to the camera by rough glass, if light may leave along it.
+    fn frosted(&self, cx: &Context) -> Option<Frosted> {
+        let leaves = |f: &Frosted| match &self.hit {
             Some(h) => {
-                let d = match scene.surface_of(h.shape) {
-                    Surface::Rough(rough) => rough.sample(h.normals(), -self.w, u, v, rng.uniform())?,
-                    _ => {
-                        let side = if h.n.dot(self.w) < 0.0 { h.n } else { -h.n };
-                        warp::to_world(side, warp::cosine_hemisphere(u, v)).normalize()
-                    }
-                };
-                let density = self.density(scene, d);
-                (density > 0.0).then(|| (d, self.scatter(scene, d) / density, density))
+                h.n.dot(self.w) * h.n.dot(f.w) < 0.0 && !matches!(cx.scene.surface_of(h.shape), Surface::Rough(_))
             }
-        }
+            None => true,
+        };
+        Frosted::of(cx, self.p).filter(leaves)
+    }
+
+    /// A direction to go on in, with `scatter / density`, and the density per solid angle; a share of them beside the way by rough glass, if there is one.
+    fn sample(&self, scene: &Scene, frosted: Option<&Frosted>, rng: &mut Rng) -> Option<(DVec3, Rgb, f64)> {
+        let aims = frosted.filter(|_| rng.uniform() < frosted::SHARE);
+        let (u, v) = (rng.uniform(), rng.uniform());
+        let d = match (aims, &self.hit) {
+            (Some(f), _) => f.sample(u, v),
+            (None, None) => {
+                let (d, m) = scene.media[self.medium? as usize].phase.sample(self.w, u, v);
+                if frosted.is_none() {
+                    return Some((d, Rgb::ONE, scene.media[self.medium? as usize].phase.eval(m)));
+                }
+                d
+            }
+            (None, Some(h)) => match scene.surface_of(h.shape) {
+                Surface::Rough(rough) => rough.sample(h.normals(), -self.w, u, v, rng.uniform())?,
+                _ => {
+                    let side = if h.n.dot(self.w) < 0.0 { h.n } else { -h.n };
+                    warp::to_world(side, warp::cosine_hemisphere(u, v)).normalize()
+                }
+            },
+        };
+        let density = self.density(scene, frosted, d);
+        (density > 0.0).then(|| (d, self.scatter(scene, d) / density, density))
     }
 
     /// Density per solid angle with which [`Vertex::sample`] draws a direction.
-    fn density(&self, scene: &Scene, d: DVec3) -> f64 {
+    fn density(&self, scene: &Scene, frosted: Option<&Frosted>, d: DVec3) -> f64 {
+        let own = self.own_density(scene, d);
+        frosted.map_or(own, |f| own + frosted::SHARE * (f.density(d) - own))
+    }
+
+    fn own_density(&self, scene: &Scene, d: DVec3) -> f64 {
         match &self.hit {
             None => self.medium.map_or(0.0, |id| scene.media[id as usize].phase.eval(one_minus_cos(self.w, d))),
             Some(h) => match scene.surface_of(h.shape) {
@@ -164,13 +185,19 @@ impl LightWalk<'_> {
                 break;
             }
             let shown = self.source.shown(set, s.depth + 1);
+            let frosted = z.frosted(cx);
+            let from = (&z, frosted.as_ref());
             if !shown.is_zero() {
                 let start = s.depth == 1;
                 let lead = if start { lead } else { &[] };
-                self.through_a_camera_ray(cx, &z, start, s.beta / s.r.mean() * shown, lead, &mut s.rng, emit);
+                self.through_a_camera_ray(cx, from, start, s.beta / s.r.mean() * shown, lead, &mut s.rng, emit);
             }
-            let Some((w, f, density)) = z.sample(scene, &mut s.rng) else { break };
+            let Some((w, f, density)) = z.sample(scene, from.1, &mut s.rng) else { break };
             s.beta *= f;
+            // Roulette must not take away the directions that were wanted.
+            if from.1.is_some() {
+                s.start *= Critical::hidden(z.own_density(scene, w), density);
+            }
             if self.roulette(&mut s, set.rr_depth) {
                 break;
             }
@@ -236,7 +263,7 @@ impl LightWalk<'_> {
     fn through_a_camera_ray(
         &self,
         cx: &mut Context,
-        z: &Vertex,
+        (z, frosted): (&Vertex, Option<&Frosted>),
         start: bool,
         weight: Rgb,
         lead: &[f64],
@@ -278,7 +305,7 @@ impl LightWalk<'_> {
         }
         let per_volume = q.pixels_per_area / (size[0] * size[1]) * distances.density(t);
         let Some(way) = clear(cx, y, dz, d, Some(span.medium), &On::default()) else { return };
-        let a = self.walk_density(cx, z, -dz, d);
+        let a = self.walk_density(cx, (z, frosted), -dz, d);
         // Film area cancels against the density of the film point.
         let phase = m.phase.eval(one_minus_cos(w, dz));
         let flux =
@@ -288,9 +315,9 @@ impl LightWalk<'_> {
     }
 
     /// Density per volume of technique (a) at the distance `d` along `w` from a vertex.
-    fn walk_density(&self, cx: &Context, z: &Vertex, w: DVec3, d: f64) -> f64 {
+    fn walk_density(&self, cx: &Context, (z, frosted): (&Vertex, Option<&Frosted>), w: DVec3, d: f64) -> f64 {
         let medium = z.start(cx.scene, w).1;
-        z.density(cx.scene, w) * flight_density(cx, z.p, medium, w, d) / (d * d)
+        z.density(cx.scene, frosted, w) * flight_density(cx, z.p, medium, w, d) / (d * d)
     }
 }
 

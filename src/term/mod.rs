@@ -16,6 +16,7 @@ pub mod edge_set;
 pub mod ends;
 pub mod facing;
 pub mod follows;
+pub mod frosted;
 pub mod grazing;
 pub mod grazing_line;
 pub mod hard_beam;
@@ -293,6 +294,8 @@ pub struct Context<'a> {
     /// Film points this far outside of the film still count, in pixels: the filter's radius.
     pub margin: f64,
     pub moving: &'a Moving,
+    /// Whether anything may be seen by rough glass ([`frosted`]).
+    pub frosted: bool,
     pub tally: Tally,
 }
 
