@@ -72,7 +72,7 @@ pub struct Rooms<'a> {
     around: Around,
     filter: Filter,
     even: bool,
-    frosted: bool,
+    frosted: Vec<u32>,
     seed: u64,
     pub list: Vec<Box<dyn Room>>,
     /// Camera rays a pixel for one sample of the picture (on average), and outward samples over the whole film, of each room.
@@ -169,7 +169,7 @@ impl<'a> Rooms<'a> {
             around,
             filter,
             even: scene.films[index].even,
-            frosted: frosted::has_any(scene),
+            frosted: frosted::list(scene),
             seed,
             list,
             along,
@@ -218,7 +218,7 @@ impl<'a> Rooms<'a> {
             around: self.around,
             margin: filter::radius(self.filter),
             moving: &self.motion.moving,
-            frosted: self.frosted,
+            frosted: &self.frosted,
             tally: Tally::default(),
         }
     }

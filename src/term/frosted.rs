@@ -6,10 +6,10 @@
 //! directions beside that way, with densities that are functions of the point alone, so that they are weighed like any others.
 
 use super::Context;
-use crate::math::{DVec3, warp};
-use crate::scene::{Hit, Scene};
+use crate::math::{DVec2, DVec3, warp};
+use crate::scene::Scene;
 use crate::sensor::Projection;
-use crate::shape::Shape;
+use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use crate::surface::rough::{Matter, Rough};
 use crate::transport::pane;
@@ -33,52 +33,71 @@ pub struct Frosted {
     pub distance: f64,
 }
 
-/// Whether there is any rough glass.
-pub fn has_any(scene: &Scene) -> bool {
-    scene.surfaces.iter().any(|s| matches!(s, Surface::Rough(r) if r.is_transparent()))
+/// All rough glass.
+pub fn list(scene: &Scene) -> Vec<u32> {
+    (0..scene.shapes.len() as u32).filter(|&id| glass(scene, id).is_some()).collect()
 }
 
-/// Rough glass that a ray meets before anything else.
-fn glass<'a>(scene: &'a Scene, o: DVec3, w: DVec3, limit: f64) -> Option<(Hit, &'a Rough)> {
-    let hit = scene.opaque_past(o, w, limit, &[])?;
-    match scene.surface_of(hit.shape) {
-        Surface::Rough(rough) if rough.is_transparent() => Some((hit, rough)),
+/// The surface of a shape of rough glass, and its indices behind the front side and before it.
+fn glass(scene: &Scene, shape: u32) -> Option<(&Rough, [f64; 2])> {
+    match scene.surface_of(shape) {
+        Surface::Rough(rough) => match rough.matter {
+            Matter::Dielectric { interior, exterior } => Some((rough, [interior, exterior])),
+            Matter::Conductor { .. } => None,
+        },
         _ => None,
     }
 }
 
 impl Frosted {
-    /// From p, which may be on anything but the glass; `None` where the line to the camera meets no rough glass first.
+    /// From p, which may be on anything but the glass: by what the line to the camera meets first, or by flat glass that it does not meet. `None` where there is no such way.
     pub fn of(cx: &Context, p: DVec3) -> Option<Frosted> {
-        if !cx.frosted {
+        if cx.frosted.is_empty() {
             return None;
         }
+        let scene = cx.scene;
+        let q = cx.sensor.project(p)?;
+        let first = scene.opaque_past(q.o, q.w, q.distance * (1.0 - SHORT), &[]);
+        let straight = first.filter(|h| cx.frosted.contains(&h.shape));
+        if let Some(h) = straight {
+            return Frosted::by(cx, p, h.shape, (h.p, h.n));
+        }
+        cx.frosted.iter().find_map(|&id| {
+            let shape = &scene.shapes[id as usize].shape;
+            let flat = matches!(shape, Shape::Rectangle(_) | Shape::Disk(_));
+            let plane = flat.then(|| shape.position(0, DVec2::splat(0.25)))?;
+            Frosted::by(cx, p, id, (plane, shape.normal(0, plane)))
+        })
+    }
+
+    /// By this glass, its tangent plane known somewhere near the way.
+    fn by(cx: &Context, p: DVec3, id: u32, mut plane: (DVec3, DVec3)) -> Option<Frosted> {
         let (scene, sensor) = (cx.scene, cx.sensor);
-        let q = sensor.project(p)?;
-        let (mut at, rough) = glass(scene, q.o, q.w, q.distance * (1.0 - SHORT))?;
-        let Matter::Dielectric { interior, exterior } = rough.matter else { return None };
-        let shape = &scene.shapes[at.shape as usize].shape;
+        let (rough, [interior, exterior]) = glass(scene, id)?;
+        let shape = &scene.shapes[id as usize].shape;
         // Where the tangent plane turns, it is taken once more.
-        let steps = if matches!(shape, Shape::Rectangle(_) | Shape::Disk(_) | Shape::Cube(_)) { 1 } else { 2 };
+        let is_flat = matches!(shape, Shape::Rectangle(_) | Shape::Disk(_) | Shape::Cube(_));
         let mut way = None;
-        for _ in 0..steps {
+        for _ in 0..if is_flat { 1 } else { 2 } {
+            let (at, n) = plane;
+            let q = sensor.project(at)?;
             let eye = match sensor.projection {
                 Projection::Perspective { .. } => q.o,
                 // As good as from infinity.
-                Projection::Orthographic => at.p - q.w * (1e4 * (at.p - p).length()),
+                Projection::Orthographic => at - q.w * (1e4 * (q.distance + (at - p).length())),
             };
-            let [h0, h1] = [eye, p].map(|x| (x - at.p).dot(at.n));
+            let [h0, h1] = [eye, p].map(|x| (x - at).dot(n));
             if h0 * h1 >= 0.0 {
                 return None;
             }
             let [n0, n1] = if h0 > 0.0 { [exterior, interior] } else { [interior, exterior] };
-            let (foot, across) = (eye - at.n * h0, (p - eye) - at.n * (h1 - h0));
+            let (foot, across) = (eye - n * h0, (p - eye) - n * (h1 - h0));
             let r = across.length();
             let s = if r > 0.0 { pane::crossing(n0, h0.abs(), n1, h1.abs(), r) / r } else { 0.0 };
             let q = sensor.project(foot + across * s)?;
-            let (hit, _) = glass(scene, q.o, q.w, f64::INFINITY).filter(|(h, _)| h.shape == at.shape)?;
-            at = hit;
-            let (to, d0) = (at.p - p, (at.p - eye).length());
+            let hit = scene.opaque_past(q.o, q.w, f64::INFINITY, &[]).filter(|h| h.shape == id)?;
+            plane = (hit.p, hit.n);
+            let (to, d0) = (hit.p - p, (hit.p - eye).length());
             let d1 = to.length();
             let width = rough.alpha * (n1 - n0).abs() / (n0 * d1 / d0 + n1);
             way = Some(Frosted { w: to / d1, width: (WIDER * width).max(SHORT), distance: d1 + d0 * n1 / n0 });

@@ -294,8 +294,8 @@ pub struct Context<'a> {
     /// Film points this far outside of the film still count, in pixels: the filter's radius.
     pub margin: f64,
     pub moving: &'a Moving,
-    /// Whether anything may be seen by rough glass ([`frosted`]).
-    pub frosted: bool,
+    /// Rough glass, by which the camera may see ([`frosted`]).
+    pub frosted: &'a [u32],
     pub tally: Tally,
 }
 
