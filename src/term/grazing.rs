@@ -9,7 +9,8 @@
 
 use super::edge_set::{EdgeSet, Ends, SharedEdge};
 use super::ends::{self, ByOrder, Point, Watch};
-use super::grazing_line::{Curve, Line, Toward};
+use super::frosted::Frosted;
+use super::grazing_line::{Curve, Line, Look, Toward};
 use super::light_walk::{LightWalk, Vertex, seen};
 use super::rims::rims;
 use super::sheet::{Grazed, Partials, Reach};
@@ -160,14 +161,14 @@ impl Edges {
 
     /// Draw a line from the curve outward by its place t on it, the choice of a lamp, and a direction; the densities do not hold the element's
     /// probability.
-    fn draw(&self, cx: &Context, curve: &Curve, t: f64, [way, u, v]: [f64; 3]) -> Option<Line> {
+    fn draw(&self, scene: &Scene, look: Look, curve: &Curve, t: f64, [way, u, v]: [f64; 3]) -> Option<Line> {
         let lamps = if self.lamps.total > 0.0 { TO_LAMPS } else { 0.0 };
         let toward = if way < lamps {
             Toward::Lamp(self.lamps.sample(way / lamps).0 as u32)
         } else {
             Toward::Own((way - lamps) / (1.0 - lamps))
         };
-        let line = curve.draw(cx, toward, [t, u, v])?;
+        let line = curve.draw(scene, look, toward, [t, u, v])?;
         Some(Line { own: self.own_share() * line.own, ..line })
     }
 }
@@ -285,11 +286,13 @@ impl Graze {
 }
 
 impl Edges {
-    /// Draw a line that nothing blocks at its edge, from the edge outward, by the first four of the numbers.
-    pub fn sample(&self, cx: &mut Context, &[place, way, u, v, _]: &Numbers) -> Option<Graze> {
+    /// Draw a line that nothing blocks at its edge, from the edge outward, by the first four of the numbers. `seen`: its near end is a surface, so that a part of the lines goes toward where the
+    /// camera sees the edge by rough glass.
+    pub fn sample(&self, cx: &mut Context, seen: bool, &[place, way, u, v, _]: &Numbers) -> Option<Graze> {
         let (k, probability, t) = self.table.sample(place);
         let element = self.element(cx.scene, k);
-        let line = self.draw(cx, &element.curve, t, [way, u, v])?;
+        let look = |p| if seen { Frosted::of(cx, p) } else { None };
+        let line = self.draw(cx.scene, &look, &element.curve, t, [way, u, v])?;
         let near = near_end(cx.scene, line.b, -line.w, &element.grazed)?;
         Graze::new(cx, line, element, probability, near)
     }

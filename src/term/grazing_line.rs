@@ -8,15 +8,13 @@
 //! From a point S at the distance d of B the outline is a curve for all of them, and `dl dω sin α ds = dl sin α / d² dV` ([T] 2, with `dω ds = dV/d²`); on a
 //! surface `dω = dA |cos| / d²`.
 
-use super::Context;
 use super::frosted::{self, Frosted};
 use super::rims::Rim;
 use super::wedge::{frame_of, wedge};
 use crate::light::LightKind;
 use crate::math::equiangular::EquiAngular;
 use crate::math::{DVec2, DVec3, warp};
-use crate::scene::Hit;
-use crate::scene::Scene;
+use crate::scene::{Hit, Scene};
 use crate::shape::edges::Edge;
 use crate::shape::{Cylinder, Geometry};
 use std::f64::consts::{PI, TAU};
@@ -41,6 +39,9 @@ pub enum Toward {
     /// From the curve alone; the number chooses among its ways.
     Own(f64),
 }
+
+/// Where the camera sees a point by rough glass, if lines are to be drawn toward it.
+pub type Look<'a> = &'a dyn Fn(DVec3) -> Option<Frosted>;
 
 /// A line that grazes a curve.
 pub struct Line {
@@ -77,36 +78,35 @@ impl Line {
 
 impl Curve {
     /// Draw a line, toward a lamp or from the curve alone. The densities do not hold the probability of either.
-    pub fn draw(&self, cx: &Context, toward: Toward, [t, u, v]: [f64; 3]) -> Option<Line> {
-        let scene = cx.scene;
+    pub fn draw(&self, scene: &Scene, look: Look, toward: Toward, [t, u, v]: [f64; 3]) -> Option<Line> {
         match self {
             Curve::Edge(e) => {
                 let length = (e.b - e.a).length();
                 let b = e.a + (e.b - e.a) * t;
-                past_edge(cx, e, (b, length.recip()), toward, [u, v])
+                past_edge(scene, look, e, (b, length.recip()), toward, [u, v])
             }
             Curve::Rim(rim) => {
                 let edge = rim.edge(t);
                 let per_length = 1.0 / (TAU * (edge.b - edge.a).length());
-                past_edge(cx, &edge, (edge.a, per_length), toward, [u, v])
+                past_edge(scene, look, &edge, (edge.a, per_length), toward, [u, v])
             }
             Curve::Cylinder(q) => match toward {
                 Toward::Own(_) => along_wall(q, t, u, v),
                 Toward::Lamp(light) => past_wall(scene, q, light, t, u, v),
             },
             Curve::Sphere { c, r } => {
-                let frosted = Frosted::of(cx, *c);
+                let middle = look(*c);
                 match toward {
                     Toward::Own(choice) => {
-                        let seen = frosted.filter(|_| choice < frosted::SHARE);
+                        let seen = middle.filter(|_| choice < frosted::SHARE);
                         let n = seen.as_ref().map_or_else(|| warp::sphere(u, v), |f| f.rim(*r, u, v));
                         let b = *c + n * *r;
-                        let at = frosted.and_then(|f| Some((f, Frosted::of(cx, b)?)));
-                        let w = match at.as_ref().filter(|_| seen.is_some()) {
-                            Some((_, f)) => -f.turned_about(n, t),
+                        let at = middle.and_then(|_| look(b));
+                        let w = match at.filter(|_| seen.is_some()) {
+                            Some(f) => -f.turned_about(n, t),
                             None => turned(n, TAU * t),
                         };
-                        Some(Line::own(b, w, n, 1.0 / r, on_sphere(*r, at.as_ref(), n, w)))
+                        Some(Line::own(b, w, n, 1.0 / r, on_sphere(*r, [middle, at], n, w)))
                     }
                     Toward::Lamp(light) => {
                         let LightKind::Area { shape } = scene.lights[light as usize].kind else { return None };
@@ -115,8 +115,7 @@ impl Curve {
                         let lamp = sphere_density(*r, o.sin, o.distance, z.n.dot(o.w), z.pdf_area)?;
                         let target = Some((light, o.distance));
                         let b = *c + o.n * *r;
-                        let at = frosted.and_then(|f| Some((f, Frosted::of(cx, b)?)));
-                        let own = on_sphere(*r, at.as_ref(), o.n, -o.w);
+                        let own = on_sphere(*r, [middle, middle.and_then(|_| look(b))], o.n, -o.w);
                         Some(Line { lamp, target, ..Line::own(b, -o.w, o.n, 1.0 / r, own) })
                     }
                 }
@@ -213,18 +212,20 @@ fn turned(n: DVec3, angle: f64) -> DVec3 {
     x * q + y * s
 }
 
-/// Density `dA dθ` of lines that touch a sphere where its normal is n, as they are drawn from the curve alone: evenly, and where the camera sees its middle and the point of touch by rough glass.
-fn on_sphere(r: f64, seen: Option<&(Frosted, Frosted)>, n: DVec3, w: DVec3) -> f64 {
+/// Density `dA dθ` of lines that touch a sphere where its normal is n, as they are drawn from the curve alone: evenly, and where the camera sees its middle by rough glass beside its outline, turned
+/// toward the camera if that sees the point of touch by rough glass, too.
+fn on_sphere(r: f64, [middle, at]: [Option<Frosted>; 2], n: DVec3, w: DVec3) -> f64 {
     let even = 1.0 / (4.0 * PI * r * r * TAU);
-    seen.map_or(even, |(middle, at)| {
-        let aimed = middle.rim_density(r, n) / (r * r) * at.density_about(n, -w);
-        even + frosted::SHARE * (aimed - even)
+    middle.map_or(even, |f| {
+        let turn = at.map_or(1.0 / TAU, |f| f.density_about(n, -w));
+        even + frosted::SHARE * (f.rim_density(r, n) / (r * r) * turn - even)
     })
 }
 
 /// A line through the point b of an edge, drawn with `per_length`.
 fn past_edge(
-    cx: &Context,
+    scene: &Scene,
+    look: Look,
     edge: &Edge,
     (b, per_length): (DVec3, f64),
     toward: Toward,
@@ -232,10 +233,10 @@ fn past_edge(
 ) -> Option<Line> {
     let t = (edge.b - edge.a).normalize();
     let (first, width) = wedge(edge);
-    let frosted = Frosted::of(cx, b);
+    let frosted = look(b);
     let (w, lamp, target) = match (toward, &frosted) {
         (Toward::Lamp(light), _) => {
-            let a = cx.scene.arrival(light, b, u, v)?;
+            let a = scene.arrival(light, b, u, v)?;
             (a.w, a.pdf * per_length, Some((light, a.distance)))
         }
         (Toward::Own(choice), Some(f)) if choice < frosted::SHARE => (-f.sample(u, v), 0.0, None),

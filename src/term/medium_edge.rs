@@ -46,7 +46,7 @@ impl Room for MediumEdge {
         if cx.set.max_depth <= 1 {
             return;
         }
-        let Some(g) = self.edges.sample(cx, lead) else { return };
+        let Some(g) = self.edges.sample(cx, false, lead) else { return };
         // One end is drawn by depth, or by the angle that it subtends at the camera.
         let eye: Vec<_> = self.reach.eye().map(|p| (p, 0.5)).into_iter().collect();
         let Some(s) = ends::medium_point(scene, &g.near_way, g.b(), -g.w(), &eye, lead[4], rng) else { return };

@@ -50,7 +50,7 @@ impl Room for SurfaceEdge {
         if cx.set.max_depth <= 1 {
             return;
         }
-        let Some(g) = self.edges.sample(cx, lead) else { return };
+        let Some(g) = self.edges.sample(cx, true, lead) else { return };
         let Some(s) = g.near.filter(|s| s.t > 0.0 && scene.reflects(s)) else { return };
         let shape = &scene.shapes[s.shape as usize];
         let transmittance = g.near_way.transmittance();
