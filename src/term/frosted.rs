@@ -162,14 +162,14 @@ impl Frosted {
     }
 
     /// Density of [`Frosted::turn`] at this angle from the way: a wrapped Cauchy distribution.
-    fn turn_density(&self, angle: f64) -> f64 {
+    pub fn turn_density(&self, angle: f64) -> f64 {
         // cosh - cos without loss at small angles.
         let (half, s) = ((0.5 * self.width).sinh(), (0.5 * angle).sin());
         self.width.sinh() / (TAU * 2.0 * (half * half + s * s))
     }
 
     /// An angle about the way in a plane, between -π and π.
-    fn turn(&self, u: f64) -> f64 {
+    pub fn turn(&self, u: f64) -> f64 {
         2.0 * ((0.5 * self.width).tanh() * (PI * (u - 0.5)).tan()).atan()
     }
 }

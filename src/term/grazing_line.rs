@@ -91,8 +91,8 @@ impl Curve {
                 past_edge(scene, look, &edge, (edge.a, per_length), toward, [u, v])
             }
             Curve::Cylinder(q) => match toward {
-                Toward::Own(_) => along_wall(q, t, u, v),
-                Toward::Lamp(light) => past_wall(scene, q, light, t, u, v),
+                Toward::Own(choice) => along_wall(q, look, choice, [t, u, v]),
+                Toward::Lamp(light) => past_wall(scene, q, look, light, [t, u, v]),
             },
             Curve::Sphere { c, r } => {
                 let middle = look(*c);
@@ -286,18 +286,69 @@ fn sphere_density(r: f64, sin: f64, distance: f64, cos: f64, per_area: f64) -> O
     (cos > 0.0).then(|| per_area / TAU * distance / (r * cos * sin))
 }
 
-/// A line that touches a wall: its point by area, uniform in the cosine with the axis, both ways, as edges have it.
-fn along_wall(q: &Cylinder, t: f64, u: f64, v: f64) -> Option<Line> {
-    let b = q.position(0, DVec2::new(u, v));
-    let n = q.from_axis(b).normalize();
-    let (z, back) = if t < 0.5 { (4.0 * t - 1.0, 1.0) } else { (4.0 * t - 3.0, -1.0) };
-    let sin = (1.0 - z * z).max(0.0).sqrt();
-    let w = q.axis.cross(n) * (back * sin) + q.axis * z;
-    (sin > 0.0).then_some(Line::own(b, w, n, sin * sin / q.radius, wall_density(q, sin)))
+/// Where the camera sees the middle of a wall by rough glass, and the two lines of contact with it.
+struct WallSeen {
+    middle: Frosted,
+    contacts: [DVec3; 2],
+}
+
+impl WallSeen {
+    fn of(q: &Cylinder, look: Look) -> Option<WallSeen> {
+        let p = Geometry::bounds(q).center();
+        let middle = look(p)?;
+        Some(WallSeen { contacts: q.contacts_from(p + middle.w * middle.distance)?, middle })
+    }
+
+    /// A normal beside one of the lines.
+    fn normal(&self, q: &Cylinder, v: f64) -> DVec3 {
+        let (n, v) = if v < 0.5 { (self.contacts[0], 2.0 * v) } else { (self.contacts[1], 2.0 * v - 1.0) };
+        let (s, c) = self.middle.turn(v).sin_cos();
+        (n * c + q.axis.cross(n) * s).normalize()
+    }
+
+    /// Density per area of the points with this normal.
+    fn density(&self, q: &Cylinder, n: DVec3) -> f64 {
+        let angle = |m: DVec3| q.axis.dot(m.cross(n)).atan2(m.dot(n));
+        let [a, b] = self.contacts.map(|m| self.middle.turn_density(angle(m)));
+        0.5 * (a + b) / (q.radius * q.length)
+    }
+}
+
+/// A line that touches a wall: its point by area, uniform in the cosine with the axis, both ways, as edges have it; or where and how the camera sees it by rough glass.
+fn along_wall(q: &Cylinder, look: Look, choice: f64, [t, u, v]: [f64; 3]) -> Option<Line> {
+    let seen = WallSeen::of(q, look);
+    let aims = seen.as_ref().filter(|_| choice < frosted::SHARE);
+    let (b, n) = if let Some(s) = aims {
+        let n = s.normal(q, v);
+        let [from, to] = q.line(n);
+        (from + (to - from) * u, n)
+    } else {
+        let b = q.position(0, DVec2::new(u, v));
+        (b, q.from_axis(b).normalize())
+    };
+    let at = seen.as_ref().and_then(|_| look(b));
+    let w = match at.filter(|_| aims.is_some()) {
+        Some(f) => -f.turned_about(n, t),
+        None => {
+            let (z, back) = if t < 0.5 { (4.0 * t - 1.0, 1.0) } else { (4.0 * t - 3.0, -1.0) };
+            q.axis.cross(n) * (back * (1.0 - z * z).max(0.0).sqrt()) + q.axis * z
+        }
+    };
+    let sin = w.cross(q.axis).length();
+    (sin > 0.0).then(|| Line::own(b, w, n, sin * sin / q.radius, on_wall(q, (seen.as_ref(), at), n, (w, sin))))
+}
+
+/// Density `dA dθ` of lines that [`along_wall`] draws.
+fn on_wall(q: &Cylinder, (seen, at): (Option<&WallSeen>, Option<Frosted>), n: DVec3, (w, sin): (DVec3, f64)) -> f64 {
+    let even = wall_density(q, sin);
+    seen.map_or(even, |s| {
+        let turn = at.map_or(0.25 * sin, |f| f.density_about(n, -w));
+        even + frosted::SHARE * (s.density(q, n) * turn - even)
+    })
 }
 
 /// One toward a point of a lamp.
-fn past_wall(scene: &Scene, q: &Cylinder, light: u32, t: f64, u: f64, v: f64) -> Option<Line> {
+fn past_wall(scene: &Scene, q: &Cylinder, look: Look, light: u32, [t, u, v]: [f64; 3]) -> Option<Line> {
     let LightKind::Area { shape } = scene.lights[light as usize].kind else { return None };
     let z = scene.shapes[shape as usize].shape.sample(u, v);
     let normals = q.contacts_from(z.p)?;
@@ -309,7 +360,10 @@ fn past_wall(scene: &Scene, q: &Cylinder, light: u32, t: f64, u: f64, v: f64) ->
     let sin = w.cross(q.axis).length();
     let lamp = wall_to_lamp(q, sin, distance, -z.n.dot(w), z.pdf_area)?;
     let target = Some((light, distance));
-    Some(Line { lamp, target, ..Line::own(b, w, n, sin * sin / q.radius, wall_density(q, sin)) })
+    let seen = WallSeen::of(q, look);
+    let at = seen.as_ref().and_then(|_| look(b));
+    let own = on_wall(q, (seen.as_ref(), at), n, (w, sin));
+    Some(Line { lamp, target, ..Line::own(b, w, n, sin * sin / q.radius, own) })
 }
 
 /// Density `dA dθ` of lines that are uniform in area and in the cosine with the axis.
