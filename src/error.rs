@@ -133,6 +133,8 @@ pub enum WarningKind {
     NoEffect,
     /// A light lies on a camera ray: the picture diverges there.
     LightOnRay,
+    /// The picture has a kink where a parameter stands: no derivative is both of its slopes.
+    Kink,
     /// `--terms` leaves out what the derivative needs.
     TermsLeftOut,
 }

@@ -17,7 +17,7 @@ use tyndall::render::plan::{self, Plan, Terms};
 use tyndall::render::report::{self, Parameter, PlanLine, Report, TermReport};
 use tyndall::scene::desc::suggest;
 use tyndall::scene::parts::Parts;
-use tyndall::scene::{Scene, SceneDesc};
+use tyndall::scene::{Scene, SceneDesc, advice};
 use tyndall::term::EdgeForm;
 
 /// A scene that is loaded, and what of it is rendered.
@@ -58,7 +58,8 @@ impl Setup {
             Some(c) => c,
             None => film.crop,
         };
-        let scene = Scene::compile(&desc, &scene.load(o.repair_voxels))?;
+        let mut scene = Scene::compile(&desc, &scene.load(o.repair_voxels))?;
+        scene.warnings.extend(advice::kinks(&desc, wrt)?);
         log.warnings(&scene.warnings);
         let spp = o.spp.unwrap_or(parts.sensors[sensor].spp);
         let seed = o.seed.unwrap_or(parts.sensors[sensor].seed);

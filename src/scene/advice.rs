@@ -1,15 +1,16 @@
-//! Warnings that need the whole scene: cameras and lights in media that they do not name, light that smooth surfaces send on and nothing follows.
+//! Warnings that need the whole scene: cameras and lights in media that they do not name, light that smooth surfaces send on and nothing follows, indices where the picture has a kink.
 
 use super::chains::{MOST, has_flat_faces};
 use super::parts::{Parts, SurfacePart};
-use super::{On, Scene};
-use crate::error::{Span, Warning, WarningKind};
+use super::{On, Scene, SceneDesc, arrays};
+use crate::error::{Result, Span, Warning, WarningKind};
 use crate::light::{Light, LightKind};
 use crate::math::DVec3;
 use crate::math::ball_ways::REFLECTIONS;
 use crate::shape::bounds::Bounds;
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
+use crate::surface::rough::MATCHED;
 
 /// Rounding of positions, in free paths, from which on it shows (0.2 % of a dense medium's radiance at 0.03).
 const COARSE: f64 = 1e-2;
@@ -108,6 +109,29 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
         ));
     }
     scene.warnings.extend(found);
+}
+
+/// Smooth interfaces between equal indices of which one changes with a parameter. Light at grazing is mirrored as soon as they differ, whichever is the larger ([T] 9), in a
+/// cone whose size is |n₁ - n₂|: the picture has two slopes there.
+pub fn kinks(desc: &SceneDesc, wrt: &[String]) -> Result<Vec<Warning>> {
+    let mut found = Vec::new();
+    for name in wrt.iter().filter(|n| arrays::split(n).is_none()) {
+        let parts = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
+        for s in &parts.shapes {
+            let SurfacePart::Dielectric { interior, exterior } = &parts.surfaces[s.surface] else { continue };
+            let ratio = *interior / *exterior;
+            if (ratio.v - 1.0).abs() < MATCHED && ratio.d[0] != 0.0 {
+                let n = exterior.v;
+                let what = format!(
+                    "shape `{}`: the index of refraction is {n} on both sides, where the picture has a kink: its derivative by `{name}` is neither of the two slopes (what is mirrored at grazing is left out)",
+                    s.name
+                );
+                let hint = format!("set an index to {} or {}, for the slope on that side", n + 0.001, n - 0.001);
+                found.push(warning(WarningKind::Kink, &s.span, what, hint));
+            }
+        }
+    }
+    Ok(found)
 }
 
 /// By which smooth surfaces light without extent, or of a beam, is not followed, and what helps.
