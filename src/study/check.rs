@@ -36,6 +36,8 @@ const COST: f64 = 3.0;
 const LEAST_SHARE: f64 = 0.125;
 /// So often an interval is halved at most, because a place of it is refused.
 const NARROWER: u64 = 8;
+/// Without a word for longer than this nobody knows whether anything goes on.
+const QUIET: Duration = Duration::from_secs(15);
 /// Samples that a round has at least, over its pixels: its pilot should not be what costs.
 const LEAST: usize = 2048;
 
@@ -178,22 +180,23 @@ impl Stock {
         Stock { pixels: rounds.clone(), blocks: rounds, next: 0, seconds: 0.0 }
     }
 
-    /// 32 more rounds, which add this share of the samples so far. `took` hears how long the very first one was.
+    /// 32 more rounds, which add this share of the samples so far. `took` hears how long the first of them was, and whether it is the very first.
     fn grow(
         &mut self,
         blocks: &Blocks,
         first: u64,
         share: f64,
         mut run: impl FnMut(u64, u64) -> Result<Vec<Vec<f64>>>,
-        took: &mut dyn FnMut(Duration),
+        took: &mut dyn FnMut(Duration, bool),
     ) -> Result<()> {
-        let spp = if self.next == 0 { first } else { (self.spp() * share / ROUNDS as f64).round().max(1.0) as u64 };
+        let begins = self.next == 0;
+        let spp = if begins { first } else { (self.spp() * share / ROUNDS as f64).round().max(1.0) as u64 };
         let start = Instant::now();
-        for _ in 0..ROUNDS {
+        for round in 0..ROUNDS {
             let images = run(spp, self.next)?;
             self.next += 1;
-            if self.next == 1 {
-                took(start.elapsed());
+            if round == 0 {
+                took(start.elapsed(), begins);
             }
             for ((image, p), b) in images.iter().zip(&mut self.pixels).zip(&mut self.blocks) {
                 p.push(image, spp as f64);
@@ -300,15 +303,13 @@ pub fn check(
     })
 }
 
-/// Tells that the rounds that are done in any case take longer than the parameter has.
-fn say_rounds(name: &str, one: Duration, deadline: Instant, say: &mut dyn FnMut(String)) {
+/// Tells how long the next rounds take, if that is long, or longer than the parameter has (the very first are done in any case).
+fn say_rounds(name: &str, one: Duration, begins: bool, deadline: Instant, say: &mut dyn FnMut(String)) {
     let rest = one * (ROUNDS as u32 - 1);
-    if rest >= Duration::from_secs(1) && Instant::now() + rest > deadline {
-        let seconds = rest.as_secs_f64();
-        say(format!(
-            "{name}: {} more rounds of one side, about {seconds:.0} s, are done whatever --max-time says",
-            ROUNDS - 1
-        ));
+    let late = begins && rest >= Duration::from_secs(1) && Instant::now() + rest > deadline;
+    if late || rest >= QUIET {
+        let whatever = if late { ", are done whatever --max-time says" } else { "" };
+        say(format!("{name}: {} more rounds of one side, about {:.0} s{whatever}", ROUNDS - 1, rest.as_secs_f64()));
     }
 }
 
@@ -318,7 +319,7 @@ impl Bench<'_> {
         over: Option<Interval>,
         side: &mut Stock,
         share: f64,
-        took: &mut dyn FnMut(Duration),
+        took: &mut dyn FnMut(Duration, bool),
     ) -> Result<()> {
         let seed = self.options.seed;
         let first = over.as_ref().map_or(self.first, |i| i.first);
@@ -366,7 +367,7 @@ impl Bench<'_> {
         let [mut more_ours, mut more_theirs] = [&*ours, &*theirs].map(|s| f64::from(u8::from(s.next == 0)));
         loop {
             if more_ours > 0.0 {
-                let took = &mut |t| say_rounds(name, t, deadline, say);
+                let took = &mut |t, begins| say_rounds(name, t, begins, deadline, say);
                 match (self.more_of_ours(interval.as_deref().copied(), ours, more_ours, took), &mut interval) {
                     // Something is refused in the middle, where nobody had looked.
                     (Err(Error::Usage { .. }), Some(interval)) if o.step.is_none() && *generation < NARROWER => {
@@ -381,7 +382,7 @@ impl Bench<'_> {
                 }
             }
             if more_theirs > 0.0 {
-                let took = &mut |t| say_rounds(name, t, deadline, say);
+                let took = &mut |t, begins| say_rounds(name, t, begins, deadline, say);
                 self.more_of_theirs(difference, theirs, *generation, more_theirs, took)?;
             }
             // What one sample of a difference can be, by the brightest pixel.
@@ -467,6 +468,7 @@ impl Bench<'_> {
             let what = format!("--step {h}: the scene refuses `{}` = {} +- {h}", at.name, at.value);
             return Err(Error::usage(what, "give a smaller step, or --step auto"));
         }
+        say(format!("{}: looking for a step", at.name));
         let wide = if means { widest(at, &self.view, &self.blocks, self.first, o.seed, &self.health)? } else { None };
         if let Some((step, rungs)) = wide {
             say(format!("{}: step {step:.3e} out of {}", at.name, rungs.len()));
@@ -483,7 +485,7 @@ impl Bench<'_> {
         side: &mut Stock,
         generation: u64,
         share: f64,
-        took: &mut dyn FnMut(Duration),
+        took: &mut dyn FnMut(Duration, bool),
     ) -> Result<()> {
         let run = |spp, round| {
             let seed = stream(self.options.seed, 2, round + (generation << 16));

@@ -173,6 +173,7 @@ fn motion_behind_frosted_glass_against_differences() {
 }
 
 /// A ball and a can that move behind frosted glass: their points keep to the directions that the glass sends light in. The comparison is coarse (5 standard errors are half of `x`); noise is what it is about: by their matter it is 0.0052 and 0.0037.
+/// So it is for lines past them: those that do not aim at where the camera sees by the glass meet its lobe seldom (4e-4, 7e-5 and 3e-4, 2e-4).
 #[test]
 fn round_things_behind_frosted_glass_against_differences() {
     let text = r#"<scene version="3.0.0"><default name="x" value="0.1"/><default name="can" value="1.1"/>
@@ -187,11 +188,14 @@ fn round_things_behind_frosted_glass_against_differences() {
     <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="10"/></emitter></shape>
   <sensor type="perspective"><float name="fov" value="12"/><transform name="to_world"><lookat origin="0.5, 0.6, 4.6" target="0.5, 0, 0" up="0, 1, 0"/></transform>
     <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/></film></sensor></scene>"#;
-    for (name, target, channel, bound) in [("x", "-0.2, 0, 0", 0, 0.004), ("can", "0.8, 0, 0", 2, 0.0025)] {
+    let cases = [("x", "-0.2, 0, 0", 0, [0.004, 1e-4, 3e-5]), ("can", "0.8, 0, 0", 2, [0.0025, 1e-4, 6e-5])];
+    for (name, target, channel, bounds) in cases {
         let text = text.replace("0.5, 0, 0", target);
         against_differences(&text, &[(name, 0.02)], &["all"], 1 << 12, 0.02);
-        let e = derivatives(&text, &[name], &["interior"], 1 << 12)[0];
-        assert!(e.error[channel] < bound, "{name}: {e:?}");
+        for (term, bound) in ["interior", "surface_edge", "medium_edge"].iter().zip(bounds) {
+            let e = derivatives(&text, &[name], &[term], 1 << 12)[0];
+            assert!(e.error[channel] < bound, "{name} {term}: {e:?}");
+        }
     }
 }
 
