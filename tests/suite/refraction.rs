@@ -2,14 +2,15 @@
 
 use crate::common::{against_differences, check, derivatives, difference, forward, forward_of, job, params, scene};
 use std::sync::Arc;
+use tyndall::error::WarningKind;
 use tyndall::math::Rgb;
 use tyndall::math::rng::Rng;
 use tyndall::params::Forward;
 use tyndall::render::driver::{Job, Mode};
 use tyndall::render::plan::Plan;
-use tyndall::scene::Scene;
 use tyndall::scene::compile::Orders;
 use tyndall::scene::critical::Critical;
+use tyndall::scene::{Scene, SceneDesc, advice};
 use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
 
 /// [T] D1 and D2: a beam and a camera ray through a plane interface, light that scatters once.
@@ -540,4 +541,28 @@ fn outlines_by_way_of_glass_are_refused() {
     let can = r#"<shape type="cylinder" id="can"><point name="p0" value="2, 0, 0"/><point name="p1" value="3, 0, 0"/><bsdf type="dielectric"/></shape>"#;
     refused(&with(can), "ior", "can");
     refused(&beam("hard", 0.3).replace("</scene>", &format!("{plate}</scene>")), "bx", "plate");
+}
+
+/// Where both sides have one index the picture has a kink: whoever differentiates by one of them is told, whoever changes both alike, or anything else, is not.
+#[test]
+fn equal_indices_are_a_kink_that_is_told() {
+    let told = |int: &str, ext: &str, name: &str, ior: f64| {
+        let text = format!(
+            r#"<scene version="3.0.0"><default name="ior" value="{ior}"/><default name="x" value="0"/><integrator type="volpath"/><emitter type="constant"/>
+  <shape type="sphere" id="ball"><point name="center" value="$x, 0, 0"/><bsdf type="dielectric"><float name="int_ior" value="{int}"/><float name="ext_ior" value="{ext}"/></bsdf></shape>
+  <sensor type="perspective"/></scene>"#
+        );
+        let desc = SceneDesc::parse(&text, std::path::Path::new("kink.xml"), &[]).unwrap();
+        advice::kinks(&desc, &[name.to_string()]).unwrap()
+    };
+    let found = told("$ior", "1.33", "ior", 1.33);
+    assert_eq!(found.iter().map(|w| w.kind).collect::<Vec<_>>(), [WarningKind::Kink]);
+    let text = found[0].to_string();
+    assert!(text.starts_with("kink.xml:2") && text.contains("`ball`") && text.contains("1.331"), "{text}");
+    assert!(told("1.33", "$ior", "ior", 1.33).len() == 1);
+    for (int, ext, name, ior) in
+        [("$ior", "1.33", "ior", 1.331), ("$ior", "$ior", "ior", 1.33), ("$ior", "1.33", "x", 1.33)]
+    {
+        assert!(told(int, ext, name, ior).is_empty(), "{int} {ext} {name} {ior}");
+    }
 }
