@@ -194,6 +194,10 @@ impl<R: Real> Reader<'_, R> {
                     )),
                 }
             }
+            "thindielectric" => {
+                let remedy = "model the pane as it is: a flat cube of `dielectric` (or `null`, if it hardly matters)";
+                Err(Error::scene(&n.span, "the bsdf `thindielectric` is not available", remedy))
+            }
             _ => Err(n.unknown_plugin(&BSDFS)),
         }
     }

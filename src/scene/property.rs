@@ -36,6 +36,15 @@ pub(super) fn read(params: &mut Params, source: &Source, e: Element, name: &str)
     let attr = source.need(e, "value")?;
     let flaw = |what: String, remedy: &str| Err(Error::scene(&attr.span(), what, remedy));
     match tag {
+        // A material's name.
+        "float" if name.ends_with("_ior") && attr.text.trim().starts_with(|c: char| c.is_ascii_alphabetic()) => {
+            let text = attr.text.trim();
+            let what = format!("`{text}` is not a number");
+            flaw(
+                what,
+                &format!("write <string name=\"{name}\" value=\"{text}\"/> for a material, or its index as a number"),
+            )
+        }
         "float" => match params.numbers(&attr, false)?[..] {
             [x] => Ok(Value::Float(x)),
             ref all => Err(arity(&attr.span(), tag, "1 number", all.len())),
