@@ -123,10 +123,11 @@ pub fn kinks(desc: &SceneDesc, wrt: &[String]) -> Result<Vec<Warning>> {
             if (ratio.v - 1.0).abs() < MATCHED && ratio.d[0] != 0.0 {
                 let n = exterior.v;
                 let what = format!(
-                    "shape `{}`: the index of refraction is {n} on both sides, where the picture has a kink: its derivative by `{name}` is neither of the two slopes (what is mirrored at grazing is left out)",
+                    "shape `{}`: the index of refraction is {n} on both sides, where the picture may have a kink: light at grazing is mirrored as soon as they differ, and the derivative by `{name}` leaves that out",
                     s.name
                 );
-                let hint = format!("set an index to {} or {}, for the slope on that side", n + 0.001, n - 0.001);
+                let [above, below] = [n + 0.001, n - 0.001].map(|x| (x * 1e6).round() / 1e6);
+                let hint = format!("set an index to {above} or {below}, for the slope on that side");
                 found.push(warning(WarningKind::Kink, &s.span, what, hint));
             }
         }

@@ -172,7 +172,7 @@ impl Critical {
         own + cones.map(|c| each * (c.density(w) - own)).sum::<f64>()
     }
 
-    /// Of the weight `own / p` that cones bring about, what roulette must not see: else it would take away the many near the critical angles that were wanted. Where cones drew
+    /// Of the weight `own / p` that cones, or other directions that are wanted, bring about, what roulette must not see: else it would take away the many near the critical angles that were wanted. Where cones drew
     /// the direction, it sees the density without them over that of even directions instead.
     pub fn hidden(own: f64, p: f64) -> f64 {
         let weight = (own / p).min(1.0);

@@ -19,6 +19,8 @@ use std::f64::consts::{PI, TAU};
 pub const SHARE: f64 = 0.5;
 /// Short of the point itself, as a share of the way to it.
 const SHORT: f64 = 1e-6;
+/// Of widths, angles.
+const LEAST: f64 = 1e-6;
 /// Widths of the density over that of the lobe.
 const WIDER: f64 = 1.5;
 
@@ -27,7 +29,7 @@ const WIDER: f64 = 1.5;
 pub struct Frosted {
     /// Unit, away from the point.
     pub w: DVec3,
-    /// An angle.
+    /// An angle: of what is drawn, [`WIDER`] than the lobe.
     pub width: f64,
     /// The apparent distance of the camera along it.
     pub distance: f64,
@@ -57,9 +59,8 @@ impl Frosted {
         }
         let scene = cx.scene;
         let q = cx.sensor.project(p)?;
-        let first = scene.opaque_past(q.o, q.w, q.distance * (1.0 - SHORT), &[]);
-        let straight = first.filter(|h| cx.frosted.contains(&h.shape));
-        if let Some(h) = straight {
+        let straight = scene.opaque_past(q.o, q.w, q.distance * (1.0 - SHORT), &[]);
+        if let Some(h) = straight.filter(|h| glass(scene, h.shape).is_some()) {
             return Frosted::by(cx, p, h.shape, (h.p, h.n));
         }
         cx.frosted.iter().find_map(|&id| {
@@ -99,8 +100,12 @@ impl Frosted {
             plane = (hit.p, hit.n);
             let (to, d0) = (hit.p - p, (hit.p - eye).length());
             let d1 = to.length();
+            // On the glass itself.
+            if d1 <= SHORT * d0 {
+                return None;
+            }
             let width = rough.alpha * (n1 - n0).abs() / (n0 * d1 / d0 + n1);
-            way = Some(Frosted { w: to / d1, width: (WIDER * width).max(SHORT), distance: d1 + d0 * n1 / n0 });
+            way = Some(Frosted { w: to / d1, width: (WIDER * width).clamp(LEAST, PI), distance: d1 + d0 * n1 / n0 });
         }
         way.filter(|f| f.w.is_finite() && f.distance.is_finite())
     }

@@ -4,7 +4,7 @@
 //! scatterings, to S and on into the picture: `∫dl ∫dω sin α ∫∫ ds_S ds_D (-v) P(S) T(S,D) R(D)` with `v = <n, ẋ_B - (d_D ẋ_S + d_S ẋ_D)/(d_S + d_D)>` (25), n toward
 //! the unblocked side; either end is the first surface or (with its ds) a medium point on the way. One pair of walks a sample: its cost is linear in path length. Smooth surfaces: [`super::grazing_line`].
 //!
-//! Directions come from the edge alone, or toward a point of a lamp; light emitted on a surface D is shared by both ([T] (61)), all
+//! Directions come from the edge alone (where the camera sees it by rough glass, half of them toward there: [`super::frosted`]), or toward a point of a lamp; light emitted on a surface D is shared by both ([T] (61)), all
 //! other light belongs to the first.
 
 use super::edge_set::{EdgeSet, Ends, SharedEdge};
@@ -286,12 +286,13 @@ impl Graze {
 }
 
 impl Edges {
-    /// Draw a line that nothing blocks at its edge, from the edge outward, by the first four of the numbers. `seen`: its near end is a surface, so that a part of the lines goes toward where the
+    /// Draw a line that nothing blocks at its edge, from the edge outward, by the first four of the numbers. `aims`: its near end is a surface, so that a part of the lines goes toward where the
     /// camera sees the edge by rough glass.
-    pub fn sample(&self, cx: &mut Context, seen: bool, &[place, way, u, v, _]: &Numbers) -> Option<Graze> {
+    pub fn sample(&self, cx: &mut Context, aims: bool, &[place, way, u, v, _]: &Numbers) -> Option<Graze> {
         let (k, probability, t) = self.table.sample(place);
         let element = self.element(cx.scene, k);
-        let look = |p| if seen { Frosted::of(cx, p) } else { None };
+        let aims = aims && !element.grazed.iter().any(|g| cx.frosted.contains(&g.0));
+        let look = |p| if aims { Frosted::of(cx, p) } else { None };
         let line = self.draw(cx.scene, &look, &element.curve, t, [way, u, v])?;
         let near = near_end(cx.scene, line.b, -line.w, &element.grazed)?;
         Graze::new(cx, line, element, probability, near)

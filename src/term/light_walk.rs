@@ -3,7 +3,7 @@
 //!
 //! Estimates the incident importances `P^p`, `P^s` of [T] (36). From each vertex z two techniques make the path z, y, camera with y in a medium:
 //! (a) the walk scatters at y and connects it to the camera, with a pole at the camera; (b) y is drawn on a random camera ray by the angle
-//! that it subtends at z, with a pole at z. The balance heuristic of both bounds both [T] (63).
+//! that it subtends at z, with a pole at z; directions of (a) are drawn toward where the camera sees z by rough glass, too ([`super::frosted`]). The balance heuristic of both bounds both [T] (63).
 
 use super::ends::{ByOrder, Point, Watch};
 use super::frosted::{self, Frosted};
@@ -186,16 +186,16 @@ impl LightWalk<'_> {
             }
             let shown = self.source.shown(set, s.depth + 1);
             let frosted = z.frosted(cx);
-            let from = (&z, frosted.as_ref());
+            let departure = (&z, frosted.as_ref());
             if !shown.is_zero() {
                 let start = s.depth == 1;
                 let lead = if start { lead } else { &[] };
-                self.through_a_camera_ray(cx, from, start, s.beta / s.r.mean() * shown, lead, &mut s.rng, emit);
+                self.through_a_camera_ray(cx, departure, start, s.beta / s.r.mean() * shown, lead, &mut s.rng, emit);
             }
-            let Some((w, f, density)) = z.sample(scene, from.1, &mut s.rng) else { break };
+            let Some((w, f, density)) = z.sample(scene, frosted.as_ref(), &mut s.rng) else { break };
             s.beta *= f;
             // Roulette must not take away the directions that were wanted.
-            if from.1.is_some() {
+            if frosted.is_some() {
                 s.start *= Critical::hidden(z.own_density(scene, w), density);
             }
             if self.roulette(&mut s, set.rr_depth) {
