@@ -59,7 +59,7 @@ impl Setup {
             None => film.crop,
         };
         let mut scene = Scene::compile(&desc, &scene.load(o.repair_voxels))?;
-        scene.warnings.extend(advice::kinks(&desc, wrt)?);
+        scene.warnings.extend(advice::of_parameters(&desc, wrt)?);
         log.warnings(&scene.warnings);
         let spp = o.spp.unwrap_or(parts.sensors[sensor].spp);
         let seed = o.seed.unwrap_or(parts.sensors[sensor].seed);

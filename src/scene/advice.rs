@@ -1,17 +1,21 @@
-//! Warnings that need the whole scene: cameras and lights in media that they do not name, light that smooth surfaces send on and nothing follows, indices where the picture has a kink.
+//! Warnings that need the whole scene: cameras and lights in media that they do not name, light that smooth surfaces send on and nothing follows, and what the derivatives by some parameters leave out.
 
 use super::chains::{MOST, has_flat_faces};
-use super::parts::{Parts, SurfacePart};
+use super::parts::{Movable, Parts, SurfacePart};
 use super::{On, Scene, SceneDesc, arrays};
 use crate::error::{Result, Span, Warning, WarningKind};
 use crate::light::{Light, LightKind};
-use crate::math::DVec3;
 use crate::math::ball_ways::REFLECTIONS;
+use crate::math::{DVec3, Dual};
 use crate::shape::bounds::Bounds;
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
+use crate::surface::microfacet::Distribution;
 use crate::surface::rough::MATCHED;
+use std::collections::HashSet;
 
+/// Of alphas: from here on facets that stand upright are told of.
+const FEW: f64 = 0.05;
 /// Rounding of positions, in free paths, from which on it shows (0.2 % of a dense medium's radiance at 0.03).
 const COARSE: f64 = 1e-2;
 
@@ -111,28 +115,57 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
     scene.warnings.extend(found);
 }
 
-/// Smooth interfaces between equal indices of which one changes with a parameter. Light at grazing is mirrored as soon as they differ, whichever is the larger ([T] 9), in a
-/// cone whose size is |n₁ - n₂|: the picture has two slopes there.
-pub fn kinks(desc: &SceneDesc, wrt: &[String]) -> Result<Vec<Warning>> {
+/// What derivatives by these parameters are known to leave out.
+pub fn of_parameters(desc: &SceneDesc, wrt: &[String]) -> Result<Vec<Warning>> {
     let mut found = Vec::new();
+    let mut told = HashSet::new();
     for name in wrt.iter().filter(|n| arrays::split(n).is_none()) {
         let parts = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
-        for s in &parts.shapes {
-            let SurfacePart::Dielectric { interior, exterior } = &parts.surfaces[s.surface] else { continue };
-            let ratio = *interior / *exterior;
-            if (ratio.v - 1.0).abs() < MATCHED && ratio.d[0] != 0.0 {
-                let n = exterior.v;
-                let what = format!(
-                    "shape `{}`: the index of refraction is {n} on both sides, where the picture may have a kink: light at grazing is mirrored as soon as they differ, and the derivative by `{name}` leaves that out",
-                    s.name
-                );
-                let [above, below] = [n + 0.001, n - 0.001].map(|x| (x * 1e6).round() / 1e6);
-                let hint = format!("set an index to {above} or {below}, for the slope on that side");
-                found.push(warning(WarningKind::Kink, &s.span, what, hint));
-            }
-        }
+        kinks(&parts, name, &mut found);
+        edge_on(&parts, name, &mut told, &mut found);
     }
     Ok(found)
+}
+
+/// Glass of GGX facets where directions turn or an index changes. Light that is refracted ends where the facet is upright, `n₁ |cos i| = n₂ |cos o|`, and GGX has facets there, D = α²/π: its value jumps, and
+/// nothing computes how that border moves. Seen straight on it vanishes; aslant it is of the order α².
+fn edge_on(parts: &Parts<Dual<1>>, name: &str, told: &mut HashSet<usize>, found: &mut Vec<Warning>) {
+    let in_place = |what: &Movable| matches!(what, Movable::Density(_) | Movable::Glow(_) | Movable::Albedo(_));
+    let moves = parts.movable().iter().any(|(what, x)| !in_place(what) && x.iter().any(|x| x.d[0] != 0.0));
+    for s in &parts.shapes {
+        let SurfacePart::Rough { distribution: Distribution::Ggx, alpha, smooth } = &parts.surfaces[s.surface] else {
+            continue;
+        };
+        let SurfacePart::Dielectric { interior, exterior } = &**smooth else { continue };
+        let changes = interior.d[0] != 0.0 || exterior.d[0] != 0.0;
+        if (moves || changes) && alpha.v > FEW && told.insert(s.surface) {
+            let what = format!(
+                "shape `{}`: rough glass of `ggx` facets (alpha {}) sends light on that ends with a jump where the facets stand upright; how that moves with `{name}` is missing: of glass seen aslant the derivative is off, by a share of some alpha² times what it is",
+                s.name, alpha.v
+            );
+            let hint = "use <string name=\"distribution\" value=\"beckmann\"/>, which has none of these facets, or a small alpha";
+            found.push(warning(WarningKind::EdgeOnFacets, &s.span, what, hint.into()));
+        }
+    }
+}
+
+/// Smooth interfaces between equal indices of which one changes with a parameter. Light at grazing is mirrored as soon as they differ, whichever is the larger ([T] 9), in a
+/// cone whose size is |n₁ - n₂|: the picture has two slopes there.
+fn kinks(parts: &Parts<Dual<1>>, name: &str, found: &mut Vec<Warning>) {
+    for s in &parts.shapes {
+        let SurfacePart::Dielectric { interior, exterior } = &parts.surfaces[s.surface] else { continue };
+        let ratio = *interior / *exterior;
+        if (ratio.v - 1.0).abs() < MATCHED && ratio.d[0] != 0.0 {
+            let n = exterior.v;
+            let what = format!(
+                "shape `{}`: the index of refraction is {n} on both sides, where the picture may have a kink: light at grazing is mirrored as soon as they differ, and the derivative by `{name}` leaves that out",
+                s.name
+            );
+            let [above, below] = [n + 0.001, n - 0.001].map(|x| (x * 1e6).round() / 1e6);
+            let hint = format!("set an index to {above} or {below}, for the slope on that side");
+            found.push(warning(WarningKind::Kink, &s.span, what, hint));
+        }
+    }
 }
 
 /// By which smooth surfaces light without extent, or of a beam, is not followed, and what helps.

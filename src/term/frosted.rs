@@ -6,6 +6,7 @@
 //! directions beside that way, with densities that are functions of the point alone, so that they are weighed like any others.
 
 use super::Context;
+use super::sheet::Grazed;
 use crate::math::{DVec2, DVec3, warp};
 use crate::scene::Scene;
 use crate::sensor::Projection;
@@ -29,7 +30,7 @@ const WIDER: f64 = 1.5;
 pub struct Frosted {
     /// Unit, away from the point.
     pub w: DVec3,
-    /// An angle: of what is drawn, [`WIDER`] than the lobe.
+    /// An angle: of what is drawn, somewhat wider than the lobe.
     pub width: f64,
     /// The apparent distance of the camera along it.
     pub distance: f64,
@@ -52,8 +53,9 @@ fn glass(scene: &Scene, shape: u32) -> Option<(&Rough, [f64; 2])> {
 }
 
 impl Frosted {
-    /// From p, which may be on anything but the glass: by what the line to the camera meets first, or by flat glass that it does not meet. `None` where there is no such way.
-    pub fn of(cx: &Context, p: DVec3) -> Option<Frosted> {
+    /// From p, which may be on anything but the glass: by what the line to the camera meets first, or by flat glass that it does not meet. `None` where there is no such way, or where the glass
+    /// itself stands on it, as the far side of a lens does; what p is on, `past`, does not count.
+    pub fn of(cx: &Context, p: DVec3, past: Grazed) -> Option<Frosted> {
         if cx.frosted.is_empty() {
             return None;
         }
@@ -61,6 +63,12 @@ impl Frosted {
         let q = cx.sensor.project(p)?;
         let straight = scene.opaque_past(q.o, q.w, q.distance * (1.0 - SHORT), &[]);
         if let Some(h) = straight.filter(|h| glass(scene, h.shape).is_some()) {
+            // Other things may stand on the way: lobes see past them.
+            let left = (q.distance - h.t) * (1.0 - SHORT);
+            let closed = scene.shapes[h.shape as usize].shape.is_closed();
+            if closed && scene.opaque_past(p, -q.w, left, past).is_some_and(|o| o.shape == h.shape) {
+                return None;
+            }
             return Frosted::by(cx, p, h.shape, (h.p, h.n));
         }
         cx.frosted.iter().find_map(|&id| {
@@ -107,7 +115,7 @@ impl Frosted {
             let width = rough.alpha * (n1 - n0).abs() / (n0 * d1 / d0 + n1);
             way = Some(Frosted { w: to / d1, width: (WIDER * width).clamp(LEAST, PI), distance: d1 + d0 * n1 / n0 });
         }
-        way.filter(|f| f.w.is_finite() && f.distance.is_finite())
+        way.filter(|f| f.distance.is_finite())
     }
 
     /// With c = 1 - cos, `σ = width²/2`: c goes like `(1 + c/σ)^-2`, between 0 and 2.

@@ -292,7 +292,7 @@ impl Edges {
         let (k, probability, t) = self.table.sample(place);
         let element = self.element(cx.scene, k);
         let aims = aims && !element.grazed.iter().any(|g| cx.frosted.contains(&g.0));
-        let look = |p| if aims { Frosted::of(cx, p) } else { None };
+        let look = |p| if aims { Frosted::of(cx, p, &element.grazed) } else { None };
         let line = self.draw(cx.scene, &look, &element.curve, t, [way, u, v])?;
         let near = near_end(cx.scene, line.b, -line.w, &element.grazed)?;
         Graze::new(cx, line, element, probability, near)

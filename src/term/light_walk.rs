@@ -23,6 +23,7 @@ use crate::transport::record::{MediumSpan, NoRecord};
 use crate::transport::tracking;
 use crate::transport::transmit;
 use crate::transport::walk::{State, Walker};
+use smallvec::SmallVec;
 use std::f64::consts::PI;
 
 /// Where something arrives along `w` and scatters.
@@ -72,13 +73,17 @@ impl Vertex {
 
     /// The way from here to the camera by rough glass, if light may leave along it.
     fn frosted(&self, cx: &Context) -> Option<Frosted> {
+        if cx.frosted.is_empty() {
+            return None;
+        }
         let leaves = |f: &Frosted| match &self.hit {
             Some(h) => {
                 h.n.dot(self.w) * h.n.dot(f.w) < 0.0 && !matches!(cx.scene.surface_of(h.shape), Surface::Rough(_))
             }
             None => true,
         };
-        Frosted::of(cx, self.p).filter(leaves)
+        let past: SmallVec<[_; 1]> = self.hit.iter().map(|h| (h.shape, vec![h.face])).collect();
+        Frosted::of(cx, self.p, &past).filter(leaves)
     }
 
     /// A direction to go on in, with `scatter / density`, and the density per solid angle; a share of them beside the way by rough glass, if there is one.

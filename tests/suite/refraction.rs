@@ -553,7 +553,7 @@ fn equal_indices_are_a_kink_that_is_told() {
   <sensor type="perspective"/></scene>"#
         );
         let desc = SceneDesc::parse(&text, std::path::Path::new("kink.xml"), &[]).unwrap();
-        advice::kinks(&desc, &[name.to_string()]).unwrap()
+        advice::of_parameters(&desc, &[name.to_string()]).unwrap()
     };
     let found = told("$ior", "1.33", "ior", 1.33);
     assert_eq!(found.iter().map(|w| w.kind).collect::<Vec<_>>(), [WarningKind::Kink]);
