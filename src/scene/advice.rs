@@ -128,7 +128,7 @@ pub fn of_parameters(desc: &SceneDesc, wrt: &[String]) -> Result<Vec<Warning>> {
 }
 
 /// Glass of GGX facets where directions turn or an index changes. Light that is refracted ends where the facet is upright, `n₁ |cos i| = n₂ |cos o|`, and GGX has facets there, D = α²/π: its value jumps, and
-/// nothing computes how that border moves. Seen straight on it vanishes; aslant it is of the order α².
+/// nothing computes how that border moves. Seen straight on it vanishes; aslant it grows with α: within 2 % at 0.1, most of the derivative at 0.6 (RESULTS).
 fn edge_on(parts: &Parts<Dual<1>>, name: &str, told: &mut HashSet<usize>, found: &mut Vec<Warning>) {
     let in_place = |what: &Movable| matches!(what, Movable::Density(_) | Movable::Glow(_) | Movable::Albedo(_));
     let moves = parts.movable().iter().any(|(what, x)| !in_place(what) && x.iter().any(|x| x.d[0] != 0.0));
@@ -140,7 +140,7 @@ fn edge_on(parts: &Parts<Dual<1>>, name: &str, told: &mut HashSet<usize>, found:
         let changes = interior.d[0] != 0.0 || exterior.d[0] != 0.0;
         if (moves || changes) && alpha.v > FEW && told.insert(s.surface) {
             let what = format!(
-                "shape `{}`: rough glass of `ggx` facets (alpha {}) sends light on that ends with a jump where the facets stand upright; how that moves with `{name}` is missing: of glass seen aslant the derivative is off, by a share of some alpha² times what it is",
+                "shape `{}`: rough glass of `ggx` facets (alpha {}) sends light on that ends with a jump where the facets stand upright; how that moves with `{name}` is missing: of glass seen aslant the derivative is off, the more the rougher it is",
                 s.name, alpha.v
             );
             let hint = "use <string name=\"distribution\" value=\"beckmann\"/>, which has none of these facets, or a small alpha";

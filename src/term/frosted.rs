@@ -1,7 +1,7 @@
 //! Directions from a point toward where the camera sees it by rough glass.
 //!
 //! A lobe of rough glass is as narrow as `α |n₁-n₂|`: what goes on from a point by any other density finds it seldom, and is loud where it does. The way that a smooth interface
-//! would send the light (Snell's law in the tangent plane where the line to the camera meets the glass, (44)) is the lobe's middle, and how far the generalised half vector
+//! would send the light (Snell's law in the tangent plane where the line to the camera meets the glass, [T] (44)) is the lobe's middle, and how far the generalised half vector
 //! `n₀ w₀ + n₁ w₁` turns, as the glass is met elsewhere, its width: by δ (n₀/d₀ + n₁/d₁) across, d being the distances of camera and point. Rooms draw some of their
 //! directions beside that way, with densities that are functions of the point alone, so that they are weighed like any others.
 
