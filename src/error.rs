@@ -135,7 +135,7 @@ pub enum WarningKind {
     LightOnRay,
     /// The picture has a kink where a parameter stands: no derivative is both of its slopes.
     Kink,
-    /// The value of rough glass jumps where its facets are seen edge on, and how that moves is not computed.
+    /// What rough glass sends on of light without extent jumps where its facets stand upright, and how that moves is not computed.
     EdgeOnFacets,
     /// `--terms` leaves out what the derivative needs.
     TermsLeftOut,

@@ -1,7 +1,7 @@
 //! Warnings that need the whole scene: cameras and lights in media that they do not name, light that smooth surfaces send on and nothing follows, and what the derivatives by some parameters leave out.
 
 use super::chains::{MOST, has_flat_faces};
-use super::parts::{Movable, Parts, SurfacePart};
+use super::parts::{LightKindPart, Movable, Parts, SurfacePart};
 use super::{On, Scene, SceneDesc, arrays};
 use crate::error::{Result, Span, Warning, WarningKind};
 use crate::light::{Light, LightKind};
@@ -127,9 +127,13 @@ pub fn of_parameters(desc: &SceneDesc, wrt: &[String]) -> Result<Vec<Warning>> {
     Ok(found)
 }
 
-/// Glass of GGX facets where directions turn or an index changes. Light that is refracted ends where the facet is upright, `n₁ |cos i| = n₂ |cos o|`, and GGX has facets there, D = α²/π: its value jumps, and
-/// nothing computes how that border moves. Seen straight on it vanishes; aslant it grows with α: within 2 % at 0.1, most of the derivative at 0.6 (RESULTS).
+/// Glass of GGX facets beside light without extent, where directions turn or an index changes. Light that is refracted ends with a jump where the facet is upright ([`crate::surface::upright`]). For light that
+/// arrives from a continuum of directions that is computed; what comes from a single one jumps along a curve on the glass, and nothing computes how that moves.
 fn edge_on(parts: &Parts<Dual<1>>, name: &str, told: &mut HashSet<usize>, found: &mut Vec<Warning>) {
+    let has_extent = |k: &LightKindPart<Dual<1>>| {
+        matches!(k, LightKindPart::Area { .. } | LightKindPart::Constant | LightKindPart::Envmap { .. })
+    };
+    let Some(light) = parts.lights.iter().find(|l| !has_extent(&l.kind)) else { return };
     let in_place = |what: &Movable| matches!(what, Movable::Density(_) | Movable::Glow(_) | Movable::Albedo(_));
     let moves = parts.movable().iter().any(|(what, x)| !in_place(what) && x.iter().any(|x| x.d[0] != 0.0));
     for s in &parts.shapes {
@@ -140,10 +144,10 @@ fn edge_on(parts: &Parts<Dual<1>>, name: &str, told: &mut HashSet<usize>, found:
         let changes = interior.d[0] != 0.0 || exterior.d[0] != 0.0;
         if (moves || changes) && alpha.v > FEW && told.insert(s.surface) {
             let what = format!(
-                "shape `{}`: rough glass of `ggx` facets (alpha {}) sends light on that ends with a jump where the facets stand upright; how that moves with `{name}` is missing: of glass seen aslant the derivative is off, the more the rougher it is",
-                s.name, alpha.v
+                "shape `{}`: what rough glass of `ggx` facets (alpha {}) sends on of the light `{}`, which has no extent, ends with a jump where the facets stand upright; how that moves with `{name}` is missing: of glass that this light shines through aslant the derivative is off, the more the rougher it is",
+                s.name, alpha.v, light.name
             );
-            let hint = "use <string name=\"distribution\" value=\"beckmann\"/>, which has none of these facets, or a small alpha";
+            let hint = "use a small area light, or <string name=\"distribution\" value=\"beckmann\"/>, which has none of these facets";
             found.push(warning(WarningKind::EdgeOnFacets, &s.span, what, hint.into()));
         }
     }

@@ -33,6 +33,14 @@ impl Distribution {
         }
     }
 
+    /// D of facets that stand upright, the limit for c -> 0.
+    pub fn upright(self, alpha: f64) -> f64 {
+        match self {
+            Distribution::Beckmann => 0.0,
+            Distribution::Ggx => alpha * alpha / PI,
+        }
+    }
+
     /// Smith's masking G1 of a direction at the cosine c (either sign) with the normal: the part of the microfacets turned to it that it sees.
     pub fn visible<R: Real>(self, alpha: R, c: R, s2: R) -> R {
         let slope2 = s2 * alpha * alpha / (c * c);

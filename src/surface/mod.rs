@@ -2,6 +2,7 @@
 
 pub mod microfacet;
 pub mod rough;
+pub mod upright;
 
 use crate::math::fresnel::{self, Interface};
 use crate::math::{DVec3, Rgb, V3, warp};

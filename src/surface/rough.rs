@@ -10,8 +10,8 @@
 //! for radiance that arrives from wo and leaves along wi, n₁ being the index on the side of wi: it holds the factor (n₁/n₂)² of [T] 6.1, so that `f(wi,wo) / n₁² = f(wo,wi) / n₂²`.
 //! c and q are cosines of one microfacet: `1 - F = 2ηcq [(ηc+q)^-2 + (c+ηq)^-2]` needs neither a square root nor a subtraction, and goes to 0 with q.
 //!
-//! All of it is a smooth function of α and of the indices at given directions (it ends at q = 0 and c = 0 with the value 0): derivatives are scores `∂f/f`, bounded in the second
-//! moment because f ~ q² there and `∂f ~ q`. Directions are drawn by visible normals and by F, densities are held ([T] section 4).
+//! All of it is a smooth function of α and of the indices at given directions (it ends at q = 0 and c = 0 with the value 0, at upright facets with a jump: [`super::upright`]): derivatives are scores
+//! `∂f/f`, bounded in the second moment because f ~ q² there and `∂f ~ q`. Directions are drawn by visible normals and by F, densities are held ([T] section 4).
 
 use super::microfacet::Distribution;
 use super::{Lobe, Normals};
@@ -41,6 +41,11 @@ pub struct Slopes {
 }
 
 impl Slopes {
+    #[must_use]
+    pub fn weighed(&self, value: Rgb) -> Slopes {
+        Slopes { wi: self.wi.weighed(value), wo: self.wo.weighed(value), n: self.n.weighed(value) }
+    }
+
     /// Of a factor, in channels of these weights. Variables: wi, wo, n.
     fn add(&mut self, x: Dual<9>, weight: Rgb) {
         if x.v > 0.0 {
@@ -190,7 +195,7 @@ impl Rough {
 }
 
 /// The factors of f |cos wo| at one microfacet.
-struct Facet<R> {
+pub(super) struct Facet<R> {
     /// F or 1 - F; of a conductor 1.
     share: R,
     /// Density of the normal among those that wi sees: `G1(wi) D c / |<wi,n>|`.
@@ -201,21 +206,36 @@ struct Facet<R> {
     rest: R,
 }
 
+/// How the microfacet is turned: cosines with wi and wo, the length of h squared, and its own cosine and squared sine with the normal.
+pub(super) struct Turned<R> {
+    c: R,
+    q: R,
+    h2: R,
+    tilt: R,
+    sine2: R,
+}
+
 impl<R: Real> Facet<R> {
-    fn value(&self) -> R {
+    pub(super) fn value(&self) -> R {
         self.share * self.seen * self.jacobian * self.rest
     }
 
-    /// What both kinds have in common: m ~ h on the side of wi.
-    fn new(d: Distribution, alpha: R, n: V3<R>, wi: V3<R>, wo: V3<R>, h: V3<R>) -> Option<(Self, [R; 2], R)> {
+    /// What both kinds have in common: m = ± h/|h|, by the sign `turn`; D is left out. With c and -q, |h|², and the facet's own cosine and squared sine.
+    fn new(
+        d: Distribution,
+        alpha: R,
+        n: V3<R>,
+        [wi, wo]: [V3<R>; 2],
+        h: V3<R>,
+        turn: f64,
+    ) -> Option<(Self, Turned<R>)> {
         let h2 = h.length_squared();
         let (ci, co, up) = (n.dot(wi), n.dot(wo), n.dot(h));
         let front = if ci.value() > 0.0 { 1.0 } else { -1.0 };
-        if h2.value().is_nan() || h2.value() <= 0.0 || up.value() == 0.0 {
+        if h2.value().is_nan() || h2.value() <= 0.0 {
             return None;
         }
         let length = h2.sqrt();
-        let turn = front * up.value().signum();
         let c = wi.dot(h) * turn / length;
         let q = wo.dot(h) * turn / length;
         if c.value() <= 0.0 {
@@ -224,18 +244,22 @@ impl<R: Real> Facet<R> {
         // Sines from cross products: 1 - cos² has no digits left at small α.
         let sine2 = |v: V3<R>| n.cross(v).length_squared();
         let tilt = up * (front * turn) / length;
-        let seen = d.visible(alpha, ci, sine2(wi)) * d.density(alpha, tilt, sine2(h) / h2) * c / (ci * front);
+        let seen = d.visible(alpha, ci, sine2(wi)) * c / (ci * front);
         let facet = Facet { share: R::one(), seen, jacobian: R::one(), rest: d.visible(alpha, co, sine2(wo)) };
-        Some((facet, [c, q], h2))
+        Some((facet, Turned { c, q, h2, tilt, sine2: sine2(h) / h2 }))
     }
 
     /// With the cosine c.
     fn mirrored(d: Distribution, alpha: R, n: V3<R>, wi: V3<R>, wo: V3<R>) -> Option<(Self, R)> {
-        if n.dot(wi).value() * n.dot(wo).value() <= 0.0 {
+        let front = n.dot(wi).value();
+        if front * n.dot(wo).value() <= 0.0 {
             return None;
         }
-        let (facet, [c, _], _) = Self::new(d, alpha, n, wi, wo, wi + wo)?;
-        Some((Facet { jacobian: R::one() / (c * 4.0), ..facet }, c))
+        let (facet, t) = Self::new(d, alpha, n, [wi, wo], wi + wo, 1.0)?;
+        Some((
+            Facet { seen: facet.seen * d.density(alpha, t.tilt, t.sine2), jacobian: R::one() / (t.c * 4.0), ..facet },
+            t.c,
+        ))
     }
 
     fn dielectric(
@@ -251,16 +275,28 @@ impl<R: Real> Facet<R> {
             let (facet, c) = Self::mirrored(d, alpha, n, wi, wo)?;
             return Some(Facet { share: Interface::new(c, n1, n2).reflectance(), ..facet });
         }
+        let (facet, t) = Self::refracted(d, alpha, [n1, n2], n, [wi, wo])?;
+        Some(Facet { seen: facet.seen * d.density(alpha, t.tilt, t.sine2), ..facet })
+    }
+
+    /// Without D: facets of any tilt. They look to the thinner side, or c and q have not both a sign that light takes.
+    pub(super) fn refracted(
+        d: Distribution,
+        alpha: R,
+        [n1, n2]: [R; 2],
+        n: V3<R>,
+        [wi, wo]: [V3<R>; 2],
+    ) -> Option<(Self, Turned<R>)> {
         // n₁ wi + n₂ wo where both are nearly alike: nothing is lost but what the directions have lost already.
         let h = (wi + wo) * n1 + wo * (n2 - n1);
-        let (facet, [c, q], h2) = Self::new(d, alpha, n, wi, wo, h)?;
-        let q = -q;
+        let (facet, t) = Self::new(d, alpha, n, [wi, wo], h, if n1.value() > n2.value() { 1.0 } else { -1.0 })?;
+        let (c, q) = (t.c, -t.q);
         if q.value() <= 0.0 {
             return None;
         }
         let eta = n1 / n2;
         let share = eta * c * q * 2.0 * ((eta * c + q).sqr().recip() + (c + eta * q).sqr().recip());
-        Some(Facet { share, jacobian: n2 * n2 * q / h2, rest: facet.rest * eta * eta, ..facet })
+        Some((Facet { share, jacobian: n2 * n2 * q / t.h2, rest: facet.rest * eta * eta, ..facet }, t))
     }
 }
 

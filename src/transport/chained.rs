@@ -7,6 +7,7 @@ use super::record::{End, Event, PathRecord};
 use crate::math::Rgb;
 use crate::params::Sink;
 use crate::scene::{Scene, effort};
+use crate::surface::Surface;
 use std::sync::LazyLock;
 
 /// A leg of a chain: its ray, and its first vertex.
@@ -236,6 +237,11 @@ impl Start {
             Event::Span { span, .. } => chain.span(cx.scene, span),
             Event::Scatter { medium, p, w, .. } => cx.scatter(chain, *medium, *p, *w, is_first),
             Event::Surface { hit, wi, .. } => cx.reflect(chain, hit, *wi, is_first),
+            Event::Upright { surface, normals, wi, wo, lights, share } => {
+                let Surface::Rough(rough) = &cx.scene.surfaces[*surface as usize] else { return };
+                let slopes = rough.arc_slopes(*normals, *wi, *wo);
+                rec.far(*lights).iter().for_each(|l| cx.upright(chain, &l.far, slopes.weighed(l.value * *share)));
+            }
             Event::Emit { weight, emission, end } if !seen => cx.arrive(chain, *end, *weight * emission.color()),
             Event::Glow { weight, radiance, via, first_span, spans, .. } => {
                 let (dark, via) = (*weight, &rec.drawn[*via as usize]);

@@ -20,6 +20,7 @@ use super::first::{FilmLine, First, Later, Met, Nth};
 use super::piece::{Piece, Stop};
 use super::ray::{MovingRay, Specular, Turned};
 use super::record::{Drawn, End, MediumSpan};
+use super::upright::Far;
 use super::velocity::{Rate, Source, Velocity, transposed};
 use super::way_motion::WayConnection;
 use crate::error::Result;
@@ -32,6 +33,7 @@ use crate::scene::beams::{Step, Way};
 use crate::scene::{Hit, Scene};
 use crate::sensor::Sensor;
 use crate::surface::Surface;
+use crate::surface::rough::Slopes;
 use std::sync::Arc;
 
 /// Which shapes move, how medium points follow, and whether the camera moves.
@@ -231,6 +233,8 @@ struct Leg {
     emitted: Rgb,
     /// Of a connection; the walk's own segment has its in [`Chain`].
     pieces: Vec<Piece>,
+    /// What it asks of the directions and the normal where light ends with a jump, of which it is no part (`value` is 0); otherwise the vertex' own slopes say so.
+    upright: Option<Box<Slopes>>,
 }
 
 /// Going backward over a path: what left the vertex that comes next.
@@ -269,6 +273,11 @@ impl Chain {
         self.next = None;
         self.pieces.clear();
         self.clear_connections();
+    }
+
+    /// Whether anything behind the vertex at hand was recorded.
+    pub fn goes_on(&self) -> bool {
+        self.next.is_some()
     }
 
     fn clear_connections(&mut self) {
@@ -322,14 +331,36 @@ impl<S: Sink> Chained<'_, S> {
                 leg.value += value;
                 leg.emitted += value;
             }
-            none => *none = Some(Leg { tip: self.tip(end, self.first), value, emitted: value, pieces: Vec::new() }),
+            none => {
+                *none = Some(Leg {
+                    tip: self.tip(end, self.first),
+                    value,
+                    emitted: value,
+                    pieces: Vec::new(),
+                    upright: None,
+                })
+            }
         }
     }
 
     /// A connection over these spans.
     pub fn connect(&mut self, chain: &mut Chain, end: End, value: Rgb, spans: &[MediumSpan]) {
         let pieces = chain.pieces_of(self.scene, spans);
-        chain.connections.push(Leg { tip: self.tip(end, self.first), value, emitted: value, pieces });
+        chain.connections.push(Leg { tip: self.tip(end, self.first), value, emitted: value, pieces, upright: None });
+    }
+
+    /// A segment toward where light ends with a jump ([`super::upright`]), and what that asks of the vertex.
+    pub fn upright(&mut self, chain: &mut Chain, far: &Far, slopes: Slopes) {
+        let tip = match far {
+            Far::End(end) => self.tip(*end, self.first),
+            Far::Medium(p) => {
+                let velocity = self.moving.in_medium(self.scene, self.first, *p, self.after).0;
+                Tip::Medium { p: *p, velocity, arrival: Covector::default() }
+            }
+        };
+        let pieces = chain.spare.pop().unwrap_or_default();
+        let upright = Some(Box::new(slopes));
+        chain.connections.push(Leg { tip, value: Rgb::ZERO, emitted: Rgb::ZERO, pieces, upright });
     }
 
     /// A connection by way of a medium point that the walk did not visit. `unscattered`: its value without σ_s of that point.
@@ -347,7 +378,13 @@ impl<S: Sink> Chained<'_, S> {
         // The camera's own first vertex, of this connection only.
         let later = later(self.scene, end);
         let first = seen.then(|| self.line().medium(via.p, &via.span, later));
-        let leg = Leg { tip: self.tip(end, first.as_ref().unwrap_or(self.first)), value, emitted: value, pieces };
+        let leg = Leg {
+            tip: self.tip(end, first.as_ref().unwrap_or(self.first)),
+            value,
+            emitted: value,
+            pieces,
+            upright: None,
+        };
         let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
         v.leave(self, &leg, &leg.pieces, first.as_ref());
         give_back(&mut chain.spare, leg.pieces);
@@ -373,7 +410,8 @@ impl<S: Sink> Chained<'_, S> {
         chain.clear();
         if !straight {
             // The vertex before holds its direction.
-            chain.next = Some(Leg { tip: Tip::Infinity(s.w), value: after, emitted: after, pieces: Vec::new() });
+            chain.next =
+                Some(Leg { tip: Tip::Infinity(s.w), value: after, emitted: after, pieces: Vec::new(), upright: None });
         }
     }
 
@@ -397,7 +435,7 @@ impl<S: Sink> Chained<'_, S> {
         } else {
             let pieces = chain.pieces_of(self.scene, lead);
             let tip = v.ride(self, value);
-            chain.connections.push(Leg { tip, value, emitted: Rgb::ZERO, pieces });
+            chain.connections.push(Leg { tip, value, emitted: Rgb::ZERO, pieces, upright: None });
         }
     }
 
@@ -430,7 +468,7 @@ impl<S: Sink> Chained<'_, S> {
             chain.clear();
         } else {
             let tip = v.ride(self, after);
-            chain.next = Some(Leg { tip, value: after, emitted: Rgb::ZERO, pieces: Vec::new() });
+            chain.next = Some(Leg { tip, value: after, emitted: Rgb::ZERO, pieces: Vec::new(), upright: None });
         }
     }
 
@@ -500,6 +538,13 @@ impl<'a> Vertex<'a> {
         after
     }
 
+    /// What the directions and the normal are asked: hands the latter's on, and that of wi, from which the path came.
+    fn turned(&mut self, slopes: &Slopes) -> Covector {
+        self.normal += slopes.n;
+        self.arrival += slopes.wi.scaled(-1.0);
+        slopes.wo
+    }
+
     /// What scattering toward w asks of how w turns; what it asks of the vertex is added to it.
     fn scattered(&mut self, scene: &Scene, w: DVec3, value: Rgb) -> Covector {
         let mut turning = Covector::default();
@@ -507,9 +552,7 @@ impl<'a> Vertex<'a> {
             Place::Surface { hit, wi } => match scene.surface_of(hit.shape) {
                 Surface::Rough(rough) => {
                     let Some(slopes) = rough.slopes(hit.normals(), wi, w) else { return turning };
-                    self.normal += slopes.n.weighed(value);
-                    self.arrival += slopes.wi.weighed(-value);
-                    turning += slopes.wo.weighed(value);
+                    turning += self.turned(&slopes.weighed(value));
                 }
                 _ => {
                     let c = hit.ns.dot(w);
@@ -581,7 +624,10 @@ impl<'a> Vertex<'a> {
         let mut near = Covector::default();
         between.add(w, value * (-2.0 / d));
         // How the direction turns is across/d of ż - ẋ.
-        let mut turning = self.scattered(scene, w, value);
+        let mut turning = match &leg.upright {
+            Some(slopes) => self.turned(slopes),
+            None => self.scattered(scene, w, value),
+        };
         match &leg.tip {
             Tip::Surface { n, arrival, .. } => {
                 turning.add(*n, value * (1.0 / n.dot(w)));

@@ -9,6 +9,7 @@ use super::first::{Leg, Opening};
 use super::ray::Specular;
 use super::sweep::{Candidates, SweepFacts};
 use super::twin::Ways;
+use super::upright::{self, FarLight};
 use super::vertex::Vertex;
 use super::walk::{Flight, Parted, Stage, State, Walker};
 use super::way_motion::WayAim;
@@ -142,6 +143,8 @@ pub enum Event {
     Surface { surface: u32, hit: Hit, wi: DVec3, medium: Option<u32>, prefix: Prefix },
     /// Scattering at a rough surface, both directions away from it. A factor of everything after it, or, with a value, of what a connection has just added.
     Facets { surface: u32, normals: Normals, wi: DVec3, wo: DVec3, value: Option<Rgb> },
+    /// Light from a direction at which that of the last vertex ends with a jump ([`super::upright`]), as much of the record's list as its share: nothing was added.
+    Upright { surface: u32, normals: Normals, wi: DVec3, wo: DVec3, lights: [u32; 2], share: f64 },
     /// A smooth surface turned the ray: factor F, or (1 - F) η².
     Specular(Specular),
     /// Light met by the walk: `weight x emission` was added.
@@ -186,6 +189,7 @@ impl Event {
             | Event::Aim { value, .. }
             | Event::WayAim { value, .. }
             | Event::Drift { value, .. } => *value *= f,
+            Event::Upright { share, .. } => *share *= f,
             Event::Chain
             | Event::Span { prefix: None, .. }
             | Event::Scatter { .. }
@@ -196,10 +200,10 @@ impl Event {
         }
     }
 
-    /// Whether light is collected there.
+    /// Whether light is collected there, or asked for.
     #[inline]
     pub fn adds(&self) -> bool {
-        matches!(self, Event::Emit { .. } | Event::Glow { .. } | Event::Connect { .. })
+        matches!(self, Event::Emit { .. } | Event::Glow { .. } | Event::Connect { .. } | Event::Upright { .. })
     }
 
     #[inline]
@@ -304,6 +308,8 @@ pub struct PathRecord {
     pub drawn: Vec<Drawn>,
     /// Of connections by smooth faces.
     pub steps: Vec<Step>,
+    /// Of [`Event::Upright`].
+    far: Vec<FarLight>,
     /// With the beginning of the chain that goes on there.
     pub chunk_starts: Vec<(State, Opening)>,
     /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
@@ -337,6 +343,7 @@ impl PathRecord {
             side: Vec::new(),
             drawn: Vec::new(),
             steps: Vec::new(),
+            far: Vec::new(),
             chunk_starts: Vec::new(),
             candidates: None,
             chunk: CHUNK,
@@ -360,12 +367,30 @@ impl PathRecord {
         }
     }
 
+    /// Keep light, and return the range of the list that it is in.
+    pub(super) fn far_lights(&mut self, lights: &[FarLight]) -> [u32; 2] {
+        let first = self.far.len();
+        self.far.extend_from_slice(lights);
+        [first, lights.len()].map(|k| k as u32)
+    }
+
+    /// Those of a range.
+    pub(super) fn far(&self, [first, len]: [u32; 2]) -> &[FarLight] {
+        &self.far[first as usize..][..len as usize]
+    }
+
+    /// Whether the motion of the arcs of this surface is wanted.
+    pub(super) fn asks_upright(&self, surface: u32) -> bool {
+        self.facts.as_ref().is_some_and(|f| f.upright[surface as usize])
+    }
+
     /// Ready for a new path, or for a chunk that begins so.
     pub fn begin(&mut self, candidates: Option<Candidates>, opening: Opening) {
         self.events.clear();
         self.side.clear();
         self.drawn.clear();
         self.steps.clear();
+        self.far.clear();
         self.legs.truncate(opening.legs[1] as usize);
         (self.opening, self.share) = (opening, opening.share);
         self.candidates = candidates;
@@ -476,6 +501,7 @@ impl Recorder for PathRecord {
         self.side.clear();
         self.drawn.clear();
         self.steps.clear();
+        self.far.clear();
         self.chunk_starts.push((state.clone(), self.opening));
         false
     }
@@ -491,6 +517,10 @@ impl Recorder for PathRecord {
 
     fn parted(&mut self) -> Option<Box<Parted>> {
         self.parted.take()
+    }
+
+    fn at_vertex(w: &mut Walker<Self>, s: &mut State, vertex: &Vertex) {
+        upright::ask(w, s, vertex);
     }
 
     fn unbounded(&mut self, medium: u32) {

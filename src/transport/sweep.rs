@@ -32,6 +32,7 @@ use crate::scene::nearest::{Kind, Near};
 use crate::scene::{Hit, On, Scene, Settings};
 use crate::sensor::Sensor;
 use crate::surface::Surface;
+use crate::surface::rough::Rough;
 use std::sync::Arc;
 
 /// Reflectance at which a surface's derivative is shared evenly between its score and a derivative vertex.
@@ -79,6 +80,8 @@ pub struct SweepFacts {
     surfaces: Vec<bool>,
     /// Rough ones whose values are parameters.
     rough: Vec<bool>,
+    /// Rough ones with upright facets, if directions turn or their index is a parameter.
+    pub(super) upright: Vec<bool>,
     /// A bit for each light that moves ([`State::left`]), 0 for the others, and how.
     pub(super) lights: Vec<(u64, Ways)>,
     pub(super) any_source: bool,
@@ -128,6 +131,8 @@ impl SweepFacts {
             .map(|s| matches!(s, Surface::Diffuse { slot, .. } if params.block_active(*slot, 3)))
             .collect();
         let rough = scene.surfaces.iter().map(|s| matches!(s, Surface::Rough(r) if r.is_active(params))).collect();
+        let jumps = |r: &Rough| r.jumps() && (moving.any() || r.indices_active(params));
+        let upright = scene.surfaces.iter().map(|s| matches!(s, Surface::Rough(r) if jumps(r))).collect();
         let any_source = media.iter().any(|m| m.source) || surfaces.iter().any(|&s| s);
         let borders = Borders::new(scene, params);
         let mut count: u32 = 0;
@@ -145,7 +150,7 @@ impl SweepFacts {
         let lights_only = !others.any_active() && !moving.any();
         let mirrors =
             moving.field.follows() && (0..scene.shapes.len() as u32).any(|i| moving.camera || moving.moves(i));
-        SweepFacts { mirrors, media, surfaces, rough, lights, any_source, lights_only, moving, borders }
+        SweepFacts { mirrors, media, surfaces, rough, upright, lights, any_source, lights_only, moving, borders }
     }
 
     /// Without mirrored paths ([`super::mirror`]): for comparison.
@@ -375,7 +380,7 @@ impl Sweep<'_> {
         sink: &mut impl Sink,
     ) -> Rgb {
         let Backward { starts, chain } = back;
-        starts.find(self.scene, &self.facts.moving, rec, open, !after.is_zero());
+        starts.find(self.scene, &self.facts.moving, rec, open, !after.is_zero() || chain.goes_on());
         for (k, e) in rec.events.iter().enumerate().rev() {
             if let Some(start) = starts.at(k) {
                 let moving = &self.facts.moving;
@@ -425,6 +430,18 @@ impl Sweep<'_> {
                             sink.add(slot, d * value);
                         }
                     });
+                }
+            }
+            Event::Upright { surface, normals, wi, wo, lights, share } => {
+                if let (true, Surface::Rough(rough)) =
+                    (self.facts.rough[*surface as usize], &self.scene.surfaces[*surface as usize])
+                {
+                    let value = rec.far(*lights).iter().fold(Rgb::ZERO, |sum, l| sum + l.value) * *share;
+                    for (slot, d) in rough.arc_scores(*normals, *wi, *wo) {
+                        if self.params.is_active(slot) {
+                            sink.add(slot, value * d);
+                        }
+                    }
                 }
             }
             Event::Turn { medium, one_minus_mu } => self.phase(*medium, *one_minus_mu, after, sink),

@@ -2,9 +2,7 @@
 //! |z| <= 4.5 (false alarm 7e-6 a comparison); differences at 5 standard errors.
 
 use crate::common::{against_differences, check, derivatives, forward, params, scene};
-use tyndall::error::WarningKind;
 use tyndall::render::plan::Plan;
-use tyndall::scene::{SceneDesc, advice};
 
 /// A ball of fog within `bsdf`, inside out where `flip`, and more of a scene; from outside.
 fn ball(bsdf: &str, more: &str) -> String {
@@ -305,29 +303,5 @@ fn forward_is_the_transpose_of_reverse_and_threads_change_no_bit() {
         let dot: f64 = (0..36).map(|i| f.film.mean(k + 1, i).dot(v[i])).sum();
         let scale: f64 = (0..36).map(|i| (f.film.mean(k + 1, i) * v[i]).abs().sum()).sum();
         assert!(scale > 0.0 && (dot - gradient[k]).abs() <= 1e-10 * scale, "{name}: {dot} {} of {scale}", gradient[k]);
-    }
-}
-
-/// GGX glass has facets that stand upright, at which its value jumps: whoever turns directions or changes an index is told, whoever changes its roughness is not, nor is Beckmann's.
-#[test]
-fn upright_facets_are_told() {
-    let told = |distribution: &str, alpha: f64, name: &str| {
-        let text = format!(
-            r#"<scene version="3.0.0"><default name="ior" value="1.5"/><default name="x" value="0"/><default name="a" value="{alpha}"/><integrator type="volpath"/><emitter type="constant"/>
-  <shape type="sphere" id="ball"><bsdf type="roughdielectric"><string name="distribution" value="{distribution}"/><float name="alpha" value="$a"/><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf></shape>
-  <sensor type="perspective"><transform name="to_world"><translate x="$x" z="-4"/></transform></sensor></scene>"#
-        );
-        let desc = SceneDesc::parse(&text, std::path::Path::new("facets.xml"), &[]).unwrap();
-        let found = advice::of_parameters(&desc, &[name.to_string()]).unwrap();
-        found.iter().filter(|w| w.kind == WarningKind::EdgeOnFacets).count()
-    };
-    for (distribution, alpha, name, expected) in [
-        ("ggx", 0.2, "ior", 1),
-        ("ggx", 0.2, "x", 1),
-        ("ggx", 0.2, "a", 0),
-        ("ggx", 0.04, "x", 0),
-        ("beckmann", 0.2, "ior", 0),
-    ] {
-        assert_eq!(told(distribution, alpha, name), expected, "{distribution} {alpha} {name}");
     }
 }
