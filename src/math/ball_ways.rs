@@ -418,6 +418,25 @@ mod tests {
         p.dot(w) < 0.0
     }
 
+    /// [T] D4: the point of crossing and G (47) by a sphere, and dG/dn by differences of the solver.
+    #[test]
+    fn the_geometry_factor_of_a_sphere() {
+        let way = |n: f64| {
+            let ball = Ball { radius: 1.0, index: [1.0, n], is_metal: false };
+            let mut found = Vec::new();
+            let [p, x] = [DVec3::new(0.5, 0.8, 2.0), DVec3::new(0.2, -0.1, 0.3)];
+            ball.ways(p, false, x, 1, None, |way| found.push(way));
+            assert_eq!(found.len(), 1);
+            found.remove(0)
+        };
+        let own = way(1.5);
+        assert!((own.points[0] - DVec3::new(0.34199455, 0.17381811, 0.92348633)).length() < 1e-8, "{own:?}");
+        assert!((own.gain - 0.501025758131).abs() < 1e-12, "{own:?}");
+        let central = |h: f64| (way(1.5 + h).gain - way(1.5 - h).gain) * (0.5 / h);
+        let slope = (central(1e-3) * 4.0 - central(2e-3)) / 3.0;
+        assert!((slope - 0.4838993851).abs() < 1e-8, "{slope}");
+    }
+
     /// Every ray that is traced is among the ways to any point that it passes, with the points that it met and a gain that its neighbours confirm.
     #[test]
     fn all_rays_are_found() {
