@@ -23,6 +23,7 @@ fn main() {
             spp,
             seed: 1,
             mode,
+            noise: &[],
             terms: Terms::ALL,
             edges: EdgeForm::Outward,
             split: false,

@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tyndall::error::{Error, Result};
 use tyndall::image::{exr, output};
+use tyndall::inverse::loss::Evaluated;
 use tyndall::math::Rgb;
 use tyndall::native::vdb;
 use tyndall::params::{Array, ParamSet};
@@ -186,17 +187,19 @@ impl GradArgs {
             if all {
                 (setup.sensor, setup.crop, setup.spp) = (sensor, setup.scene.films[sensor].part.crop, spp);
             }
-            let (adjoint, loss) = match self.loss {
-                None => (self.image(path, &setup)?, None),
+            let (adjoint, noise, loss) = match self.loss {
+                None => (self.image(path, &setup)?, Vec::new(), None),
                 Some(kind) => {
                     self.gradient_job(&setup, &params, &[], &terms).refuse()?;
-                    let (mut adjoint, report) = self.adjoint_of_loss(kind, path, &mut setup, sensors.len(), log)?;
-                    adjoint.iter_mut().for_each(|a| *a *= 1.0 / sensors.len() as f64);
-                    (adjoint, Some(report))
+                    let (e, report) = self.adjoint_of_loss(kind, path, &mut setup, sensors.len(), log)?;
+                    let [adjoint, noise] =
+                        [e.adjoint, e.noise].map(|v| v.into_iter().map(|a| a * (1.0 / sensors.len() as f64)).collect());
+                    (adjoint, noise, Some(report))
                 }
             };
             setup.stop.check()?;
             let mut job = self.gradient_job(&setup, &params, &adjoint, &terms);
+            job.noise = &noise;
             job.max_time = self.part_of_time(if loss.is_some() { 2 * sensors.len() } else { sensors.len() });
             if let Some(l) = &loss {
                 job.seed = l.gradient_seed;
@@ -280,7 +283,7 @@ impl GradArgs {
         setup: &mut Setup,
         cameras: usize,
         log: &Log,
-    ) -> Result<(Vec<Rgb>, LossReport)> {
+    ) -> Result<(Evaluated, LossReport)> {
         let reference = self.image(target, setup)?;
         let total = setup.spp;
         let spp = total.div_ceil(2);
@@ -289,10 +292,11 @@ impl GradArgs {
         (job.spp, job.seed, job.max_time) = (spp, seed, self.part_of_time(2 * cameras));
         log.detail(format!("rendering the picture of the loss: {spp} samples a pixel, seed {seed}"));
         let done = run::run(&job, &self.render, &setup.stop, log)?;
-        let (value, adjoint) = kind.evaluate(&done.outcome.film, &reference)?;
+        let evaluated = kind.evaluate(&done.outcome.film, &reference)?;
         setup.spp = (total - spp).max(1);
         let target = target.display().to_string();
-        Ok((adjoint, LossReport { kind, bias: kind.bias(), value, target, spp: done.outcome.spp, seed, gradient_seed }))
+        let (bias, value, spp) = (kind.bias(), evaluated.value, done.outcome.spp);
+        Ok((evaluated, LossReport { kind, bias, value, target, spp, seed, gradient_seed }))
     }
 }
 

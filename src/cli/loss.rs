@@ -35,10 +35,9 @@ impl Loss {
         loss::Loss::from(self).bias()
     }
 
-    /// The loss of a film's picture, and its adjoint image.
-    pub fn evaluate(self, film: &Film, target: &[Rgb]) -> Result<(f64, Vec<Rgb>)> {
-        let e = loss::Loss::from(self).evaluate(film, target)?;
-        Ok((e.value, e.adjoint))
+    /// The loss of a film's picture, and its adjoint image with its noise.
+    pub fn evaluate(self, film: &Film, target: &[Rgb]) -> Result<loss::Evaluated> {
+        loss::Loss::from(self).evaluate(film, target)
     }
 }
 

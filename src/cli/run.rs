@@ -86,6 +86,7 @@ impl Setup {
             spp: self.spp,
             seed: self.seed,
             mode,
+            noise: &[],
             terms: Terms::ALL,
             edges: EdgeForm::Outward,
             split: false,

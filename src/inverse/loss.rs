@@ -10,6 +10,7 @@
 use crate::error::{Error, Result};
 use crate::image::RgbImage;
 use crate::math::Rgb;
+use crate::math::erf::erfc;
 use crate::render::film::Film;
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +32,8 @@ pub struct Evaluated {
     /// From the picture's noise (normal, channels of a pixel fully correlated); that of the reference is not in it.
     pub error: f64,
     pub adjoint: Vec<Rgb>,
+    /// Its standard deviations, from the picture's noise as well; none where one batch tells nothing of that.
+    pub noise: Vec<Rgb>,
 }
 
 impl Loss {
@@ -57,7 +60,7 @@ impl Loss {
             return Err(Error::usage("the target is black: a relative loss divides by it", "use --loss l2"));
         }
         let (mut value, mut error) = (0.0, 0.0);
-        let mut adjoint = Vec::with_capacity(target.len());
+        let (mut adjoint, mut noise) = (Vec::with_capacity(target.len()), Vec::with_capacity(target.len()));
         for (p, t) in target.iter().enumerate() {
             let d = film.mean(0, p) - *t;
             let variance = film.variance_of_mean(0, p).unwrap_or(Rgb::splat(f64::NAN));
@@ -65,15 +68,24 @@ impl Loss {
                 value += d.abs().sum() * scale;
                 error += variance.map(f64::sqrt).sum().powi(2);
                 adjoint.push(d.map(|x| if x == 0.0 { 0.0 } else { x.signum() * scale }));
+                // A sign that is another one with the probability p has the variance 4 p (1-p).
+                let turned = |c: usize| {
+                    if variance[c] > 0.0 { 0.5 * erfc(d[c].abs() / (2.0 * variance[c]).sqrt()) } else { 0.0 }
+                };
+                noise.push(Rgb::from_fn(|c| 2.0 * (turned(c) * (1.0 - turned(c))).sqrt() * scale));
             } else {
                 value += (d.dot(d) - variance.sum()) * scale;
                 // Variance of (d + e)^2 for normal e.
                 let of_square = Rgb::from_fn(|c| (4.0 * d[c] * d[c] + 2.0 * variance[c]) * variance[c]);
                 error += of_square.map(f64::sqrt).sum().powi(2);
                 adjoint.push(d * (2.0 * scale));
+                noise.push(variance.map(f64::sqrt) * (2.0 * scale));
             }
         }
-        Ok(Evaluated { value, error: error.sqrt() * scale, adjoint })
+        if !noise.iter().all(|x| x.is_finite()) {
+            noise.clear();
+        }
+        Ok(Evaluated { value, error: error.sqrt() * scale, adjoint, noise })
     }
 }
 

@@ -20,6 +20,8 @@ pub enum Purpose {
     Manifold = 7,
     /// Random numbers of random number, [`Rng::apart`].
     Apart = 8,
+    /// Of the noise of an adjoint image.
+    Sign = 9,
     /// Boundary rooms; each adds its index.
     Room = 64,
 }

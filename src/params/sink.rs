@@ -88,10 +88,17 @@ impl<A: Sink, B: Sink> Sink for Both<'_, A, B> {
     }
 }
 
+/// Draws of the noise of an adjoint image.
+pub const DRAWS: usize = 8;
+
 /// Reverse mode: scatter into the gradient over slots, weighted by the adjoint of the pixel at hand.
 pub struct Reverse {
     pub adjoint: Rgb,
-    /// Over scalar slots.
+    /// Draws of the adjoint's own noise.
+    pub noise: [Rgb; DRAWS],
+    /// How many slots are scalars.
+    scalar: usize,
+    /// Over scalar slots; behind them by each draw of the noise, where it is asked for.
     pub scalars: Vec<f64>,
     /// Over the slots of arrays, which come after them.
     pub arrays: ArraySum,
@@ -100,8 +107,15 @@ pub struct Reverse {
 }
 
 impl Reverse {
-    pub fn new(scalars: usize, arrays: ArraySum) -> Self {
-        Reverse { adjoint: Rgb::ZERO, scalars: vec![0.0; scalars], arrays, nonfinite: false }
+    /// `noisy`: sums by draws of the adjoint's noise are asked for.
+    pub fn new(scalar: usize, noisy: bool, arrays: ArraySum) -> Self {
+        let (adjoint, noise) = (Rgb::ZERO, [Rgb::ZERO; DRAWS]);
+        let scalars = vec![0.0; scalar * if noisy { 1 + DRAWS } else { 1 }];
+        Reverse { adjoint, noise, scalar, scalars, arrays, nonfinite: false }
+    }
+
+    fn is_noisy(&self) -> bool {
+        self.scalars.len() > self.scalar
     }
 
     /// Whether something was no number since this was last asked.
@@ -109,18 +123,20 @@ impl Reverse {
         std::mem::take(&mut self.nonfinite)
     }
 
-    /// To one slot, weighted already. What is no number is left out.
+    /// To one slot, weighted already by the adjoint; `noise`: by a draw of its noise. What is no number is left out.
     #[inline]
-    pub fn scatter(&mut self, slot: Slot, value: f64) {
+    pub fn scatter(&mut self, slot: Slot, value: f64, noise: impl Fn(usize) -> f64) {
         if !value.is_finite() {
             self.nonfinite = true;
             return;
         }
-        let (slot, scalars) = (slot as usize, self.scalars.len());
-        if slot < scalars {
-            self.scalars[slot] += value;
-        } else {
-            self.arrays.add(slot - scalars, value);
+        let slot = slot as usize;
+        if slot >= self.scalar {
+            return self.arrays.add(slot - self.scalar, value);
+        }
+        self.scalars[slot] += value;
+        if self.is_noisy() {
+            (0..DRAWS).for_each(|k| self.scalars[(1 + k) * self.scalar + slot] += noise(k));
         }
     }
 }
@@ -128,6 +144,7 @@ impl Reverse {
 impl Sink for Reverse {
     #[inline]
     fn add(&mut self, slot: Slot, partial: Rgb) {
-        self.scatter(slot, self.adjoint.dot(partial));
+        let noise = self.noise;
+        self.scatter(slot, self.adjoint.dot(partial), |k| noise[k].dot(partial));
     }
 }

@@ -51,6 +51,8 @@ pub struct Job<'a> {
     pub spp: u64,
     pub seed: u64,
     pub mode: Mode<'a>,
+    /// Standard deviations of the adjoint's own noise, of all channels of a pixel alike, over the crop: errors of a gradient hold it then, those of arrays do not. Empty where the adjoint is exact.
+    pub noise: &'a [Rgb],
     /// Which terms of a derivative are computed.
     pub terms: Terms,
     /// How the terms of edges are estimated.
@@ -201,8 +203,8 @@ impl Job<'_> {
         let reverse = matches!(self.mode, Mode::Reverse(..));
         let slots = &self.scene.slots;
         let size = match reverse {
-            true => Size { scalars: slots.scalars, arrays: slots.count - slots.scalars },
-            false => Size { scalars: 0, arrays: 0 },
+            true => Size { scalars: slots.scalars, arrays: slots.count - slots.scalars, noisy: !self.noise.is_empty() },
+            false => Size { scalars: 0, arrays: 0, noisy: false },
         };
         let (mut gradient, mut gradients) = (Gradient::new(size), Batches::new(size));
         let (mut taken, mut error) = (0, f64::NAN);

@@ -97,6 +97,7 @@ impl<'a> View<'a> {
             spp,
             seed,
             mode,
+            noise: &[],
             terms: Terms::ALL,
             edges: EdgeForm::Outward,
             split: false,

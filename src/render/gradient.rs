@@ -5,6 +5,7 @@
 //! Sums are begun one after the other too and added up in that order: those alive are the threads' own, and those that wait for a slower one before them.
 //! What no sample of a batch has touched costs nothing (`Total`).
 
+use crate::params::sink::DRAWS;
 use crate::params::{ArraySum, Reverse};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -21,11 +22,17 @@ const CHUNK: usize = 8;
 pub struct Size {
     pub scalars: usize,
     pub arrays: usize,
+    /// Sums over scalars by draws of the adjoint's own noise, too: the mean of their squares is the variance that it brings.
+    pub noisy: bool,
 }
 
 /// A gradient.
 #[derive(Clone, Debug, Default)]
 pub struct Gradient {
+    /// How many slots are scalars.
+    scalar: usize,
+    noisy: bool,
+    /// Over scalars; behind them by each draw of the adjoint's noise.
     scalars: Vec<f64>,
     arrays: Total,
     /// Sums over arrays that are done with, all 0: fresh memory costs more than the samples of a small batch.
@@ -77,12 +84,20 @@ impl Size {
 
 impl Gradient {
     pub fn new(size: Size) -> Self {
-        Gradient { scalars: vec![0.0; size.scalars], arrays: Total::new(size.arrays), spare: Vec::new() }
+        Gradient {
+            scalar: size.scalars,
+            noisy: size.noisy,
+            scalars: vec![0.0; size.scalars * if size.noisy { 1 + DRAWS } else { 1 }],
+            arrays: Total::new(size.arrays),
+            spare: Vec::new(),
+        }
     }
 
     /// Work on items `0..items`, each with a sink for it; `None` where no gradient is wanted.
     pub fn gather(&mut self, items: usize, reverse: bool, work: impl Fn(usize, &mut Option<Reverse>) + Sync) {
-        let size = Size { scalars: self.scalars.len(), arrays: if reverse { self.arrays.numbers.len() } else { 0 } };
+        let arrays = if reverse { self.arrays.numbers.len() } else { 0 };
+        let (scalar, noisy) = (self.scalar, self.noisy);
+        let size = Size { scalars: scalar, arrays, noisy };
         let sums = size.sums(items);
         let done = Mutex::new(Done {
             total: &mut self.arrays,
@@ -96,7 +111,7 @@ impl Gradient {
             let spare = lock().spare.pop();
             let mut arrays = spare.unwrap_or_else(|| ArraySum::new(size.arrays));
             let own = (first..items).step_by(sums).map(|item| {
-                let mut sink = reverse.then(|| Reverse::new(size.scalars, std::mem::take(&mut arrays)));
+                let mut sink = reverse.then(|| Reverse::new(scalar, noisy, std::mem::take(&mut arrays)));
                 work(item, &mut sink);
                 sink.map_or_else(Vec::new, |r| {
                     arrays = r.arrays;
@@ -158,6 +173,7 @@ const ROUNDING: f64 = 1e-14;
 /// Gradients of batches: their mean per sample, and its standard error.
 #[derive(Debug)]
 pub struct Batches {
+    size: Size,
     scalars: Vec<(Vec<f64>, u64)>,
     /// Of arrays the sum, and that of the batches' squares over their samples: what no batch has touched needs no care. Places for scalars come before.
     sum: Vec<f64>,
@@ -168,13 +184,13 @@ pub struct Batches {
 impl Batches {
     pub fn new(size: Size) -> Self {
         let all = size.scalars + size.arrays;
-        Batches { scalars: Vec::new(), sum: vec![0.0; all], squares: vec![0.0; all], samples: 0 }
+        Batches { size, scalars: Vec::new(), sum: vec![0.0; all], squares: vec![0.0; all], samples: 0 }
     }
 
     /// The gradient of a batch of so many samples a pixel, which is 0 afterward.
     pub fn push(&mut self, g: &mut Gradient, samples: u64) {
-        let scalars = g.scalars.len();
-        self.scalars.push((std::mem::replace(&mut g.scalars, vec![0.0; scalars]), samples));
+        let (scalars, zeros) = (self.size.scalars, vec![0.0; g.scalars.len()]);
+        self.scalars.push((std::mem::replace(&mut g.scalars, zeros), samples));
         self.samples += samples;
         g.arrays.take(|slot, x| {
             self.sum[scalars + slot] += x;
@@ -187,11 +203,20 @@ impl Batches {
         let (b, samples) = (self.scalars.len() as f64, self.samples as f64);
         let (mut mean, mut error) = (self.sum, self.squares);
         let error_of = |squares: f64| (squares / (b - 1.0) / samples).sqrt();
-        let slots = self.scalars.first().map_or(0, |b| b.0.len());
+        let slots = self.size.scalars;
+        let of_sum = |k: usize| {
+            let mean = self.scalars.iter().map(|b| b.0[k]).sum::<f64>() / samples;
+            let about = |(g, n): &(Vec<f64>, u64)| (g[k] / *n as f64 - mean).powi(2) * *n as f64;
+            (mean, error_of(self.scalars.iter().map(about).sum()))
+        };
         for s in 0..slots {
-            mean[s] = self.scalars.iter().map(|b| b.0[s]).sum::<f64>() / samples;
-            let about = |(g, n): &(Vec<f64>, u64)| (g[s] / *n as f64 - mean[s]).powi(2) * *n as f64;
-            error[s] = error_of(self.scalars.iter().map(about).sum());
+            (mean[s], error[s]) = of_sum(s);
+            if self.size.noisy {
+                // Squares of means without what their own errors make of them.
+                let drawn = (1..=DRAWS).map(|k| of_sum(k * slots + s));
+                let variance = drawn.map(|(m, e)| m * m - e * e).sum::<f64>() / DRAWS as f64;
+                error[s] = error[s].hypot(variance.max(0.0).sqrt());
+            }
         }
         for (sum, square) in mean.iter_mut().zip(&mut error).skip(slots) {
             // About the mean; what rounding leaves of equal batches is nothing.
@@ -211,12 +236,12 @@ mod tests {
 
     #[test]
     fn sums_are_bounded_and_know_no_threads() {
-        let size = Size { scalars: 2, arrays: 1 << 22 };
+        let size = Size { scalars: 2, arrays: 1 << 22, noisy: false };
         assert_eq!(size.sums(1000), 8);
         assert_eq!(Size { arrays: 0, ..size }.sums(1000), 1000);
         assert_eq!(Size { arrays: 3, ..size }.sums(1000), 256);
         assert_eq!(Size { arrays: 3, ..size }.sums(7), 7);
-        let small = Size { scalars: 2, arrays: 3 };
+        let small = Size { scalars: 2, arrays: 3, noisy: false };
         let sum = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let mut g = Gradient::new(small);
@@ -241,7 +266,7 @@ mod tests {
     /// Both ways to the error of a mean agree.
     #[test]
     fn errors_of_arrays_are_those_of_scalars() {
-        let size = Size { scalars: 1, arrays: 1 };
+        let size = Size { scalars: 1, arrays: 1, noisy: false };
         let mut batches = Batches::new(size);
         for (k, n) in [5, 5, 4, 4, 4].into_iter().enumerate() {
             let x = (k as f64).sin() * n as f64;

@@ -10,6 +10,7 @@ use super::swept::{Derivatives, Swept};
 use crate::math::Rgb;
 use crate::math::rng::{Purpose, Rng};
 use crate::params::Reverse;
+use crate::params::sink::DRAWS;
 use crate::transport::poles::Poles;
 use crate::transport::{self, State, Tally};
 use smallvec::{SmallVec, smallvec};
@@ -66,12 +67,34 @@ impl Job<'_> {
             }
             (Mode::Reverse(_, adjoint), Some(r)) => {
                 let sum: f64 = taken.iter().map(|(pixel, w)| adjoint[*pixel].dot(*w)).sum();
-                c.partials().filter(|_| sum != 0.0).for_each(|(slot, v)| r.scatter(slot, sum * v));
+                let mut noise = [0.0; DRAWS];
+                for (pixel, w) in &taken {
+                    self.draw(*pixel, |k, n| noise[k] += n.dot(*w));
+                }
+                let asked = sum != 0.0 || noise.iter().any(|n| *n != 0.0);
+                c.partials().filter(|_| asked).for_each(|(slot, v)| r.scatter(slot, sum * v, |k| noise[k] * v));
                 if r.take_nonfinite() {
                     film.reject_sample(taken[0].0);
                 }
             }
             _ => {}
+        }
+    }
+
+    /// Draws of the adjoint's noise at a pixel, by their numbers: a standard deviation with a sign that is a coin's.
+    fn draw(&self, pixel: usize, mut each: impl FnMut(usize, Rgb)) {
+        let Some(noise) = self.noise.get(pixel) else { return };
+        let coins = Rng::keyed(self.seed, Purpose::Sign as u64, pixel as u64, 0).next_u64();
+        (0..DRAWS).for_each(|k| each(k, *noise * if coins >> k & 1 == 1 { 1.0 } else { -1.0 }));
+    }
+
+    /// What follows belongs to these pixels, by these weights.
+    fn weigh(&self, r: &mut Reverse, pixels: &[(usize, f64)]) {
+        let Mode::Reverse(_, adjoint) = self.mode else { return };
+        (r.adjoint, r.noise) = (Rgb::ZERO, [Rgb::ZERO; DRAWS]);
+        for &(pixel, w) in pixels {
+            r.adjoint += adjoint[pixel] * w;
+            self.draw(pixel, |k, n| r.noise[k] += n * w);
         }
     }
 
@@ -141,8 +164,8 @@ impl Job<'_> {
                 let weight = poles.as_ref().map_or(1.0, Poles::weight);
                 // On an outline itself nothing is left for the pixel.
                 state.poles = poles.filter(|p| media && weight > 0.0 && !p.list.is_empty()).map(Arc::new);
-                if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
-                    r.adjoint = adjoint[pixel] * weight;
+                if let Some(r) = reverse {
+                    self.weigh(r, &[(pixel, weight)]);
                 }
                 let value = match swept {
                     Some(swept) => {
@@ -214,8 +237,8 @@ impl Job<'_> {
                 let pixels = limbs.weights(point, &poles).filter_map(|(p, w)| Some((self.in_crop(p)?, w)));
                 let pixels: Vec<(usize, f64)> = pixels.collect();
                 let Some(&(nearest, _)) = pixels.first() else { continue };
-                if let (Some(r), Mode::Reverse(_, adjoint)) = (&mut *reverse, &self.mode) {
-                    r.adjoint = pixels.iter().fold(Rgb::ZERO, |sum, (p, w)| sum + adjoint[*p] * *w);
+                if let Some(r) = reverse {
+                    self.weigh(r, &pixels);
                 }
                 let (o, w) = sensor.ray(point[0], point[1]);
                 let stream = Rng::keyed(self.seed, Purpose::Derivative as u64, key, i);
@@ -278,6 +301,7 @@ mod tests {
                 spp: 1,
                 seed: 0,
                 mode,
+                noise: &[],
                 terms: Terms::ALL,
                 edges: EdgeForm::Outward,
                 split: false,
@@ -291,7 +315,7 @@ mod tests {
             let pixels =
                 [([0, 0], Rgb::splat(9.0)), ([1, 0], Rgb::splat(weights[0])), ([2, 1], Rgb::splat(weights[1]))];
             let mut film = Film::new(spec.clone());
-            let mut sink = reverse.then(|| Reverse::new(slots as usize, crate::params::ArraySum::default()));
+            let mut sink = reverse.then(|| Reverse::new(slots as usize, false, crate::params::ArraySum::default()));
             job.contribute(0, &Contribution { sample: &sample, pixels: &pixels }, &film, &mut sink);
             film.end_batch(0, 1).unwrap();
             let values: Vec<f64> = (0..4).map(|p| film.mean(1, p)[0]).collect();

@@ -87,6 +87,7 @@ impl Subject {
             spp: 1,
             seed,
             mode,
+            noise: &[],
             terms: Terms::ALL,
             edges: EdgeForm::Outward,
             split: false,

@@ -198,7 +198,7 @@ impl Rough {
 pub(super) struct Facet<R> {
     /// F or 1 - F; of a conductor 1.
     share: R,
-    /// Density of the normal among those that wi sees: `G1(wi) D c / |<wi,n>|`.
+    /// Density of the normal among those that wi sees: `G1(wi) D c / |<wi,n>|`; D is left out until it is known ([`Facet::times`]).
     seen: R,
     /// Solid angle of normals per solid angle of wo.
     jacobian: R,
@@ -206,7 +206,7 @@ pub(super) struct Facet<R> {
     rest: R,
 }
 
-/// How the microfacet is turned: cosines with wi and wo, the length of h squared, and its own cosine and squared sine with the normal.
+/// How the microfacet is turned: c and q, |h|², and its own cosine and squared sine with the surface's normal.
 pub(super) struct Turned<R> {
     c: R,
     q: R,
@@ -220,7 +220,12 @@ impl<R: Real> Facet<R> {
         self.share * self.seen * self.jacobian * self.rest
     }
 
-    /// What both kinds have in common: m = ± h/|h|, by the sign `turn`; D is left out. With c and -q, |h|², and the facet's own cosine and squared sine.
+    /// With facets so dense there.
+    pub(super) fn times(self, density: R) -> Self {
+        Facet { seen: self.seen * density, ..self }
+    }
+
+    /// What both kinds have in common: m = ± h/|h|, by the sign `turn`. Without D.
     fn new(
         d: Distribution,
         alpha: R,
@@ -237,7 +242,7 @@ impl<R: Real> Facet<R> {
         }
         let length = h2.sqrt();
         let c = wi.dot(h) * turn / length;
-        let q = wo.dot(h) * turn / length;
+        let q = -(wo.dot(h) * turn / length);
         if c.value() <= 0.0 {
             return None;
         }
@@ -256,10 +261,8 @@ impl<R: Real> Facet<R> {
             return None;
         }
         let (facet, t) = Self::new(d, alpha, n, [wi, wo], wi + wo, 1.0)?;
-        Some((
-            Facet { seen: facet.seen * d.density(alpha, t.tilt, t.sine2), jacobian: R::one() / (t.c * 4.0), ..facet },
-            t.c,
-        ))
+        let facet = facet.times(d.density(alpha, t.tilt, t.sine2));
+        Some((Facet { jacobian: R::one() / (t.c * 4.0), ..facet }, t.c))
     }
 
     fn dielectric(
@@ -276,7 +279,7 @@ impl<R: Real> Facet<R> {
             return Some(Facet { share: Interface::new(c, n1, n2).reflectance(), ..facet });
         }
         let (facet, t) = Self::refracted(d, alpha, [n1, n2], n, [wi, wo])?;
-        Some(Facet { seen: facet.seen * d.density(alpha, t.tilt, t.sine2), ..facet })
+        Some(facet.times(d.density(alpha, t.tilt, t.sine2)))
     }
 
     /// Without D: facets of any tilt. They look to the thinner side, or c and q have not both a sign that light takes.
@@ -290,7 +293,7 @@ impl<R: Real> Facet<R> {
         // n₁ wi + n₂ wo where both are nearly alike: nothing is lost but what the directions have lost already.
         let h = (wi + wo) * n1 + wo * (n2 - n1);
         let (facet, t) = Self::new(d, alpha, n, [wi, wo], h, if n1.value() > n2.value() { 1.0 } else { -1.0 })?;
-        let (c, q) = (t.c, -t.q);
+        let (c, q) = (t.c, t.q);
         if q.value() <= 0.0 {
             return None;
         }

@@ -38,7 +38,7 @@ pub struct Arc {
 }
 
 impl Arc {
-    /// A direction, and dφ over the density: `f |cos wo| Ḃ` times that has the mean of the integral.
+    /// A direction, and what `f |cos wo| L Ḃ` there is to be weighed with: dφ over its density and n₂.
     pub fn draw(&self, u: f64) -> (DVec3, f64) {
         let (sin, cos) = ((2.0 * u - 1.0) * self.half).sin_cos();
         let wo = self.axis * self.cos + (self.across[0] * cos + self.across[1] * sin) * self.sin;
@@ -52,17 +52,23 @@ impl Rough {
         self.is_transparent() && self.distribution.upright(self.alpha) > 0.0
     }
 
-    /// Where light toward `wi` ends with a jump.
-    pub fn arc(&self, normals: Normals, wi: DVec3) -> Option<Arc> {
+    /// The normal on the side of `wi`, and the indices there and on the other.
+    fn side(&self, normals: Normals, wi: DVec3) -> Option<(DVec3, [f64; 2])> {
         let Matter::Dielectric { interior, exterior } = self.matter else { return None };
         let n = normals.of(wi);
-        let (side, [n1, n2]) = if n.dot(wi) > 0.0 { (n, [exterior, interior]) } else { (-n, [interior, exterior]) };
+        Some(if n.dot(wi) > 0.0 { (n, [exterior, interior]) } else { (-n, [interior, exterior]) })
+    }
+
+    /// Where light toward `wi` ends with a jump.
+    pub fn arc(&self, normals: Normals, wi: DVec3) -> Option<Arc> {
+        let (side, [n1, n2]) = self.side(normals, wi).filter(|_| self.jumps())?;
         let (ci, si) = (side.dot(wi), side.cross(wi).length());
         let cos = n1 / n2 * ci;
-        let sin = ((1.0 - cos) * (1.0 + cos)).max(0.0).sqrt();
+        let sin = ((1.0 - cos) * (1.0 + cos)).sqrt();
         let r = n1.min(n2) / n1.max(n2);
         let least = (r - ci * cos) / (si * sin);
-        if !self.jumps() || least.is_nan() || least >= 1.0 || ci <= 0.0 {
+        // No circle, or no light on it: no number in either of the limits.
+        if least.is_nan() || least >= 1.0 || ci <= 0.0 {
             return None;
         }
         let across = (side * ci - wi) / si;
@@ -78,38 +84,30 @@ impl Rough {
 
     /// `f |cos wo|` that light ends with at a direction of its arc.
     pub fn jump(&self, normals: Normals, wi: DVec3, wo: DVec3) -> f64 {
-        let (Matter::Dielectric { interior, exterior }, Some(n)) = (self.matter, normals.toward(wi, wo)) else {
-            return 0.0;
-        };
-        let indices = if n.dot(wi) > 0.0 { [exterior, interior] } else { [interior, exterior] };
+        let (Some((_, indices)), Some(n)) = (self.side(normals, wi), normals.toward(wi, wo)) else { return 0.0 };
         let [n, i, o] = [n, wi, wo].map(V3::constant);
         let facet = Facet::refracted(self.distribution, self.alpha, indices, n, [i, o]);
-        facet.map_or(0.0, |(f, _)| f.value() * self.distribution.upright(self.alpha))
+        facet.map_or(0.0, |(f, _)| f.times(self.distribution.upright(self.alpha)).value())
     }
 
     /// What B asks of how both directions and the normal turn.
     pub fn arc_slopes(&self, normals: Normals, wi: DVec3, wo: DVec3) -> Slopes {
         let mut slopes = Slopes::default();
-        let Matter::Dielectric { interior, exterior } = self.matter else { return slopes };
-        let n = normals.of(wi);
-        // That of wi, the other's is the opposite.
-        let front = if n.dot(wi) > 0.0 { 1.0 } else { -1.0 };
-        let [n1, n2] = if front > 0.0 { [exterior, interior] } else { [interior, exterior] };
-        let s = -front * (n2 - n1).signum();
-        slopes.wi.add(n, Rgb::splat(s * n1));
-        slopes.wo.add(n, Rgb::splat(s * n2));
-        slopes.n.add(wi * n1 + wo * n2, Rgb::splat(s));
+        let Some((side, [n1, n2])) = self.side(normals, wi) else { return slopes };
+        // B is `-s <side, n₁ wi + n₂ wo>`.
+        let s = (n2 - n1).signum();
+        slopes.wi.add(side, Rgb::splat(-s * n1));
+        slopes.wo.add(side, Rgb::splat(-s * n2));
+        slopes.n.add(wi * n1 + wo * n2, Rgb::splat(-s * side.dot(normals.of(wi))));
         slopes
     }
 
     /// `∂B` by the slots of the indices.
     pub fn arc_scores(&self, normals: Normals, wi: DVec3, wo: DVec3) -> [(Slot, f64); 2] {
-        let Matter::Dielectric { interior, exterior } = self.matter else { return [(self.index_slot, 0.0); 2] };
-        let n = normals.of(wi);
-        let front = n.dot(wi) > 0.0;
-        let s = if front == (interior > exterior) { 1.0 } else { -1.0 };
-        let [near, far] = [-s * n.dot(wi).abs(), s * n.dot(wo).abs()];
-        let [inside, outside] = if front { [far, near] } else { [near, far] };
+        let Some((side, [n1, n2])) = self.side(normals, wi) else { return [(self.index_slot, 0.0); 2] };
+        let s = (n2 - n1).signum();
+        let [near, far] = [-s * side.dot(wi), -s * side.dot(wo)];
+        let [inside, outside] = if side.dot(normals.of(wi)) > 0.0 { [far, near] } else { [near, far] };
         [(self.index_slot, inside), (self.index_slot + 1, outside)]
     }
 }

@@ -237,6 +237,12 @@ struct Leg {
     upright: Option<Box<Slopes>>,
 }
 
+impl Leg {
+    fn new(tip: Tip, value: Rgb, emitted: Rgb, pieces: Vec<Piece>) -> Leg {
+        Leg { tip, value, emitted, pieces, upright: None }
+    }
+}
+
 /// Going backward over a path: what left the vertex that comes next.
 #[derive(Clone, Debug, Default)]
 pub struct Chain {
@@ -331,22 +337,14 @@ impl<S: Sink> Chained<'_, S> {
                 leg.value += value;
                 leg.emitted += value;
             }
-            none => {
-                *none = Some(Leg {
-                    tip: self.tip(end, self.first),
-                    value,
-                    emitted: value,
-                    pieces: Vec::new(),
-                    upright: None,
-                })
-            }
+            none => *none = Some(Leg::new(self.tip(end, self.first), value, value, Vec::new())),
         }
     }
 
     /// A connection over these spans.
     pub fn connect(&mut self, chain: &mut Chain, end: End, value: Rgb, spans: &[MediumSpan]) {
         let pieces = chain.pieces_of(self.scene, spans);
-        chain.connections.push(Leg { tip: self.tip(end, self.first), value, emitted: value, pieces, upright: None });
+        chain.connections.push(Leg::new(self.tip(end, self.first), value, value, pieces));
     }
 
     /// A segment toward where light ends with a jump ([`super::upright`]), and what that asks of the vertex.
@@ -378,13 +376,7 @@ impl<S: Sink> Chained<'_, S> {
         // The camera's own first vertex, of this connection only.
         let later = later(self.scene, end);
         let first = seen.then(|| self.line().medium(via.p, &via.span, later));
-        let leg = Leg {
-            tip: self.tip(end, first.as_ref().unwrap_or(self.first)),
-            value,
-            emitted: value,
-            pieces,
-            upright: None,
-        };
+        let leg = Leg::new(self.tip(end, first.as_ref().unwrap_or(self.first)), value, value, pieces);
         let mut v = Vertex::new(Place::Medium { medium: via.medium, p: via.p, travel: via.span.w });
         v.leave(self, &leg, &leg.pieces, first.as_ref());
         give_back(&mut chain.spare, leg.pieces);
@@ -410,8 +402,7 @@ impl<S: Sink> Chained<'_, S> {
         chain.clear();
         if !straight {
             // The vertex before holds its direction.
-            chain.next =
-                Some(Leg { tip: Tip::Infinity(s.w), value: after, emitted: after, pieces: Vec::new(), upright: None });
+            chain.next = Some(Leg::new(Tip::Infinity(s.w), after, after, Vec::new()));
         }
     }
 
@@ -435,7 +426,7 @@ impl<S: Sink> Chained<'_, S> {
         } else {
             let pieces = chain.pieces_of(self.scene, lead);
             let tip = v.ride(self, value);
-            chain.connections.push(Leg { tip, value, emitted: Rgb::ZERO, pieces, upright: None });
+            chain.connections.push(Leg::new(tip, value, Rgb::ZERO, pieces));
         }
     }
 
@@ -468,7 +459,7 @@ impl<S: Sink> Chained<'_, S> {
             chain.clear();
         } else {
             let tip = v.ride(self, after);
-            chain.next = Some(Leg { tip, value: after, emitted: Rgb::ZERO, pieces: Vec::new(), upright: None });
+            chain.next = Some(Leg::new(tip, after, Rgb::ZERO, Vec::new()));
         }
     }
 

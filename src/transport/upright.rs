@@ -88,12 +88,13 @@ pub(super) fn ask(w: &mut Walker<PathRecord>, s: &mut State, vertex: &Vertex) {
     let (wo, measure) = arc.draw(rng.uniform());
     let part = rough.jump(facing.normals, facing.wi, wo) * measure;
     let p = (part / CERTAIN).min(1.0);
-    if rng.uniform() < p {
+    if part > 0.0 && rng.uniform() < p {
         follow(w, s, facing, wo, part / p, rng);
     }
 }
 
 fn follow(w: &mut Walker<PathRecord>, s: &State, facing: &Facing, wo: DVec3, weight: f64, rng: Rng) {
+    // Nothing is asked of its stream aside.
     let mut from = State { stage: Stage::Fly, rng, aside: rng, ..s.plain() };
     facing.leave(&mut from, wo);
     from.w = wo;

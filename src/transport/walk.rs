@@ -133,7 +133,16 @@ impl State {
     #[must_use]
     pub fn plain(&self) -> Self {
         let flight = Flight { drawn: None, ..self.flight };
-        State { drawn: None, flight, mirrored: None, pending: None, lead: Lead::default(), poles: None, ..*self }
+        State {
+            drawn: None,
+            astray: false,
+            flight,
+            mirrored: None,
+            pending: None,
+            lead: Lead::default(),
+            poles: None,
+            ..*self
+        }
     }
 
     /// What is to be followed besides, in a chain of its own.

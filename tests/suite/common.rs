@@ -5,15 +5,18 @@
 #![allow(dead_code)]
 
 use std::path::Path;
+use std::sync::Arc;
+use tyndall::math::rng::Rng;
 use tyndall::math::{DAffine3, DVec3, Rgb};
 use tyndall::native::vdb::{self, Leaf, WriteGrid};
-use tyndall::params::ParamSet;
+use tyndall::params::{Forward, ParamSet};
 use tyndall::render::driver::{Job, Mode, Outcome};
 use tyndall::render::plan::{Plan, Terms};
 use tyndall::scene::Scene;
 use tyndall::scene::SceneDesc;
 use tyndall::scene::compile::{LoadOptions, Orders};
 use tyndall::term::EdgeForm;
+use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
 
 /// A scene from text, relative to the project's folder.
 pub fn scene(text: &str) -> (SceneDesc, Scene) {
@@ -69,6 +72,7 @@ pub fn job<'a>(scene: &'a Scene, spp: u64, seed: u64, mode: Mode<'a>) -> Job<'a>
         spp,
         seed,
         mode,
+        noise: &[],
         terms: Terms::ALL,
         edges: EdgeForm::Outward,
         split: false,
@@ -205,4 +209,36 @@ pub fn small_vdb(path: &Path, value: impl Fn(DVec3) -> f64, name: &str) -> Strin
     )
     .unwrap();
     format!(r#"<string name="filename" value="{}"/><string name="grid_name" value="{name}"/>"#, path.display())
+}
+
+/// Paths through the film's middle walked in chunks give the bits of one long record, and the picture's value. `least`: chunks of the longest path at least.
+pub fn same_in_chunks(text: &str, names: &[&str], least: usize) {
+    let (desc, scene) = scene(text);
+    let (w, h) = (scene.sensors[0].width, scene.sensors[0].height);
+    let p = params(&desc, &scene, names);
+    let facts = Arc::new(SweepFacts::of(&scene, &scene.sensors[0], &p).unwrap());
+    let sweep = Sweep { scene: &scene, set: &scene.settings, params: &p, facts, sensor: &scene.sensors[0] };
+    let mut longest = 0;
+    for sample in 0..200 {
+        let run = |chunk: usize| {
+            let mut rec = PathRecord::new();
+            rec.chunk = chunk;
+            let (o, w) = scene.sensors[0].ray(0.5 * w as f64, 0.5 * h as f64 + 0.1);
+            let state = State::new(Rng::keyed(1, 1, 5, sample), o, w, None);
+            let mut sink = Forward::new(&p);
+            let mut tally = Tally::default();
+            let value = sweep.sample(&state, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
+            // The picture's own path, where the recorded one goes other ways.
+            assert_eq!(value, tyndall::transport::sample(&scene, &scene.settings, state, &mut tally));
+            (value, sink.image, rec.chunk_starts.len())
+        };
+        let (v, d, _) = run(usize::MAX);
+        for chunk in [1, 5, 30] {
+            let (vc, dc, chunks) = run(chunk);
+            longest = longest.max(chunks);
+            assert_eq!(v, vc);
+            assert_eq!(d, dc, "sample {sample}, chunk {chunk}");
+        }
+    }
+    assert!(longest >= least, "paths are too short to test anything: {longest} chunks");
 }

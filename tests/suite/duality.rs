@@ -1,9 +1,10 @@
 //! Forward and reverse are transposes of each other, and neither changes the picture.
 
-use crate::common::{against_differences, params, run, scene};
+use crate::common::{against_differences, job, params, run, scene};
+use tyndall::inverse::loss::Loss;
 use tyndall::math::Rgb;
 use tyndall::math::rng::Rng;
-use tyndall::render::driver::Mode;
+use tyndall::render::driver::{Job, Mode};
 
 /// Chromatic fog over a floor and a ball, four kinds of light.
 const ROOM: &str = r#"<scene version="3.0.0">
@@ -117,4 +118,41 @@ fn anonymous_objects_have_slots_of_their_own() {
     assert_ne!(slots[0], slots[1]);
     let p = params(&desc, &sc, &["a", "b"]);
     assert_eq!((p.tangents(slots[0]), p.tangents(slots[1])), (&[1.0, 0.0][..], &[0.0, 1.0][..]));
+}
+
+/// Errors of a loss's gradient hold the noise of the picture that the loss is of: the spread over seeds, where that noise is all there is (the target is what is rendered), and where it is a part.
+#[test]
+fn errors_of_a_losss_gradient() {
+    let (desc, sc) = scene(ROOM);
+    let p = params(&desc, &sc, &["g", "scale"]);
+    let slot =
+        |k: usize| (0..sc.slots.scalars).find(|&s| p.tangents(s as u32).get(k).is_some_and(|t| *t != 0.0)).unwrap();
+    let truth = run(&sc, 1 << 12, 77, Mode::Picture).film;
+    let pixels = truth.spec().pixels();
+    for (share, loss) in [(1.0, Loss::L2), (0.5, Loss::L2), (1.0, Loss::RelativeL2), (1.0, Loss::L1)] {
+        let target: Vec<Rgb> = (0..pixels).map(|i| truth.mean(0, i) * share).collect();
+        let seeds = 60;
+        let (mut values, mut squares, mut bare) = ([(); 2].map(|()| Vec::new()), [0.0; 2], [0.0; 2]);
+        for seed in 0..seeds {
+            let e = loss.evaluate(&run(&sc, 32, 2 * seed, Mode::Picture).film, &target).unwrap();
+            let job = || job(&sc, 32, 2 * seed + 1, Mode::Reverse(&p, &e.adjoint));
+            let [own, without] =
+                [&e.noise[..], &[]].map(|noise| Job { noise, ..job() }.run(&|_| {}).unwrap().gradient.unwrap());
+            assert_eq!(own.0, without.0);
+            for k in 0..2 {
+                values[k].push(own.0[slot(k)]);
+                squares[k] += own.1[slot(k)].powi(2) / seeds as f64;
+                bare[k] += without.1[slot(k)].powi(2) / seeds as f64;
+            }
+        }
+        for k in 0..2 {
+            let mean = values[k].iter().sum::<f64>() / seeds as f64;
+            let spread = values[k].iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (seeds - 1) as f64;
+            let [all, part] = [squares[k], bare[k]].map(|x| x / spread);
+            println!("{share} {loss:?} {k}: {all} {part}");
+            // Five standard errors of a variance of 60 values.
+            assert!((all - 1.0).abs() < 5.0 * (2.0 / 59.0f64).sqrt(), "{share} {loss:?} {k}: {all}");
+            assert!(share < 1.0 || part < 0.8, "{share} {loss:?} {k}: {part}");
+        }
+    }
 }

@@ -1,6 +1,8 @@
 //! What moves by way of smooth interfaces: indices, interfaces, cameras and beams, against [T] section 11 (D1, D2) and finite differences.
 
-use crate::common::{against_differences, check, derivatives, difference, forward, forward_of, job, params, scene};
+use crate::common::{
+    against_differences, check, derivatives, difference, forward, forward_of, job, params, same_in_chunks, scene,
+};
 use std::sync::Arc;
 use tyndall::error::WarningKind;
 use tyndall::math::Rgb;
@@ -464,37 +466,6 @@ fn chunks_give_the_same_bits() {
             .replace(r#"name="albedo" value="0.8"/><phase"#, r#"name="albedo" value="$albedo"/><phase"#)
     };
     same_in_chunks(&many(albedo(pond(LAMP)), "6"), &["x", "z", "albedo"], 4);
-}
-
-/// `least`: chunks of the longest path at least.
-fn same_in_chunks(text: &str, names: &[&str], least: usize) {
-    let (desc, scene) = scene(text);
-    let p = params(&desc, &scene, names);
-    let facts = Arc::new(SweepFacts::of(&scene, &scene.sensors[0], &p).unwrap());
-    let sweep = Sweep { scene: &scene, set: &scene.settings, params: &p, facts, sensor: &scene.sensors[0] };
-    let mut longest = 0;
-    for sample in 0..200 {
-        let run = |chunk: usize| {
-            let mut rec = PathRecord::new();
-            rec.chunk = chunk;
-            let (o, w) = scene.sensors[0].ray(3.0, 3.1);
-            let state = State::new(Rng::keyed(1, 1, 5, sample), o, w, None);
-            let mut sink = Forward::new(&p);
-            let mut tally = Tally::default();
-            let value = sweep.sample(&state, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
-            // The picture's own path, where the recorded one goes other ways.
-            assert_eq!(value, tyndall::transport::sample(&scene, &scene.settings, state, &mut tally));
-            (value, sink.image, rec.chunk_starts.len())
-        };
-        let (v, d, _) = run(usize::MAX);
-        for chunk in [1, 5, 30] {
-            let (vc, dc, chunks) = run(chunk);
-            longest = longest.max(chunks);
-            assert_eq!(v, vc);
-            assert_eq!(d, dc, "sample {sample}, chunk {chunk}");
-        }
-    }
-    assert!(longest >= least, "paths are too short to test anything: {longest} chunks");
 }
 
 /// What jumps behind an interface is refused, with its name.

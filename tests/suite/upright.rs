@@ -1,6 +1,6 @@
 //! Refracted light of GGX glass ends with a jump where facets stand upright: derivatives with how that moves, against finite differences, and what they would be without.
 
-use crate::common::{against_differences, derivatives};
+use crate::common::{against_differences, derivatives, same_in_chunks};
 use tyndall::error::WarningKind;
 use tyndall::scene::{SceneDesc, advice};
 
@@ -56,6 +56,33 @@ fn fog_behind_a_pane_against_differences() {
         ("eye", 0.05, -0.0090),
     ];
     moves(&foggy(), &what, 1 << 14);
+}
+
+/// The pane with a wall behind it, and a smooth ball, whose critical angle derivatives by whatever moves look beside.
+fn beside_a_ball() -> String {
+    let ball = r#"<shape type="sphere"><point name="center" value="50, 0, 0"/><bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="8"/><translate z="-1"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.7"/></bsdf></shape>"#;
+    pane().replace("INSIDE", "").replacen("<shape", &format!("{ball}<shape"), 1)
+}
+
+/// What else is asked for, and so which paths are walked, changes no derivative.
+#[test]
+fn beside_critical_angles() {
+    let by = |names: &[&str]| derivatives(&beside_a_ball(), names, &["all"], 1 << 14)[0];
+    let (alone, moving) = (by(&["ior"]), by(&["ior", "tilt"]));
+    let se = alone.error[0].hypot(moving.error[0]);
+    let off = alone.value[0] - moving.value[0];
+    assert!(off.abs() < 4.5 * se && se < 0.03 * alone.value[0].abs(), "{alone:?} {moving:?}");
+}
+
+/// Chunks that are walked again ask for the same light.
+#[test]
+fn chunks_give_the_same_bits() {
+    let text = foggy().replace(r#"name="max_depth" value="4""#, r#"name="max_depth" value="-1""#);
+    let ball = r#"<shape type="sphere"><point name="center" value="50, 0, 0"/><bsdf type="dielectric"/></shape>"#;
+    for text in [text.clone(), text.replacen("<shape", &format!("{ball}<shape"), 1)] {
+        same_in_chunks(&text, &["ior", "tilt"], 4);
+    }
 }
 
 /// What jumps along a curve on the glass is not computed: of light without extent whoever turns directions or changes an index is told, whoever changes its roughness is not, nor is Beckmann's.
