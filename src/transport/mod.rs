@@ -34,7 +34,7 @@ pub mod sweep;
 pub mod tracking;
 pub mod transmit;
 pub mod twin;
-mod upright;
+pub mod upright;
 pub mod velocity;
 pub mod vertex;
 pub mod walk;
