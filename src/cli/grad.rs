@@ -33,7 +33,7 @@ use tyndall::scene::{Scene, arrays};
 /// before `scale`, emission before `emission_scale`, temperatures before `temperature_offset` and `temperature_scale`). Those
 /// are written to -o FILE.vdb, one grid an array (its name: the array's), with the transform and the active voxels of the grid they belong to (an active tile is
 /// one value and has one number; voxels of the background have none), and everything else as JSON beside it.
-/// Its standard error is that of the gradient pass, at most: the noise of the picture behind --loss is not in it.
+/// Standard errors of an array are those of the gradient pass, at most: the noise of the picture behind --loss is not in them; in those of parameters it is.
 #[derive(Args, Clone)]
 pub struct GradArgs {
     #[command(flatten)]

@@ -12,10 +12,10 @@ use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use crate::surface::microfacet::Distribution;
 use crate::surface::rough::MATCHED;
-use std::collections::HashSet;
+use std::collections::BTreeMap;
 
 /// Of alphas: from here on facets that stand upright are told of.
-const FEW: f64 = 0.05;
+const FEW: f64 = 0.01;
 /// Rounding of positions, in free paths, from which on it shows (0.2 % of a dense medium's radiance at 0.03).
 const COARSE: f64 = 1e-2;
 
@@ -118,39 +118,62 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
 /// What derivatives by these parameters are known to leave out.
 pub fn of_parameters(desc: &SceneDesc, wrt: &[String]) -> Result<Vec<Warning>> {
     let mut found = Vec::new();
-    let mut told = HashSet::new();
-    for name in wrt.iter().filter(|n| arrays::split(n).is_none()) {
-        let parts = Parts::read(desc, &desc.dual(desc.wrt(name)?))?;
+    // By surface, in its order.
+    let mut edges: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+    for name in wrt {
+        let array = arrays::split(name).is_some();
+        let values = if array { desc.values() } else { desc.dual(desc.wrt(name)?) };
+        let parts = Parts::read(desc, &values)?;
         kinks(&parts, name, &mut found);
-        edge_on(&parts, name, &mut told, &mut found);
+        let turns = if array { !arrays::is_voxels(name) } else { turns(&parts) };
+        for surface in edges_that_move(&parts, turns) {
+            edges.entry(surface).or_default().push(format!("`{name}`"));
+        }
+    }
+    if !edges.is_empty() {
+        let parts = Parts::read(desc, &desc.values::<f64>())?;
+        found.extend(edges.into_iter().filter_map(|(surface, names)| edge_on(&parts, surface, &names.join(", "))));
     }
     Ok(found)
 }
 
-/// Glass of GGX facets beside light without extent, where directions turn or an index changes. Light that is refracted ends with a jump where the facet is upright ([`crate::surface::upright`]). For light that
-/// arrives from a continuum of directions that is computed; what comes from a single one jumps along a curve on the glass, and nothing computes how that moves.
-fn edge_on(parts: &Parts<Dual<1>>, name: &str, told: &mut HashSet<usize>, found: &mut Vec<Warning>) {
-    let has_extent = |k: &LightKindPart<Dual<1>>| {
+/// Whether anything changes its place or direction.
+fn turns(parts: &Parts<Dual<1>>) -> bool {
+    let in_place = |what: &Movable| matches!(what, Movable::Density(_) | Movable::Glow(_) | Movable::Albedo(_));
+    parts.movable().iter().any(|(what, x)| !in_place(what) && x.iter().any(|x| x.d[0] != 0.0))
+}
+
+fn without_extent<R>(parts: &Parts<R>) -> impl Iterator<Item = &str> {
+    let has = |k: &LightKindPart<R>| {
         matches!(k, LightKindPart::Area { .. } | LightKindPart::Constant | LightKindPart::Envmap { .. })
     };
-    let Some(light) = parts.lights.iter().find(|l| !has_extent(&l.kind)) else { return };
-    let in_place = |what: &Movable| matches!(what, Movable::Density(_) | Movable::Glow(_) | Movable::Albedo(_));
-    let moves = parts.movable().iter().any(|(what, x)| !in_place(what) && x.iter().any(|x| x.d[0] != 0.0));
-    for s in &parts.shapes {
-        let SurfacePart::Rough { distribution: Distribution::Ggx, alpha, smooth } = &parts.surfaces[s.surface] else {
-            continue;
-        };
-        let SurfacePart::Dielectric { interior, exterior } = &**smooth else { continue };
-        let changes = interior.d[0] != 0.0 || exterior.d[0] != 0.0;
-        if (moves || changes) && alpha.v > FEW && told.insert(s.surface) {
-            let what = format!(
-                "shape `{}`: what rough glass of `ggx` facets (alpha {}) sends on of the light `{}`, which has no extent, ends with a jump where the facets stand upright; how that moves with `{name}` is missing: of glass that this light shines through aslant the derivative is off, the more the rougher it is",
-                s.name, alpha.v, light.name
-            );
-            let hint = "use a small area light, or <string name=\"distribution\" value=\"beckmann\"/>, which has none of these facets";
-            found.push(warning(WarningKind::EdgeOnFacets, &s.span, what, hint.into()));
-        }
-    }
+    parts.lights.iter().filter(move |l| !has(&l.kind)).map(|l| l.name.as_str())
+}
+
+/// Surfaces of GGX glass beside light without extent, where directions turn or an index changes. Light that is refracted ends with a jump where the facet is upright ([`crate::surface::upright`]). For light that
+/// arrives from a continuum of directions that is computed; what comes from a single one jumps along a curve on the glass, and nothing computes how that moves.
+fn edges_that_move(parts: &Parts<Dual<1>>, turns: bool) -> Vec<usize> {
+    let lit = without_extent(parts).next().is_some();
+    let moves = |s: &SurfacePart<Dual<1>>| match s {
+        SurfacePart::Rough { distribution: Distribution::Ggx, alpha, smooth } if alpha.v > FEW => match **smooth {
+            SurfacePart::Dielectric { interior, exterior } => turns || interior.d[0] != 0.0 || exterior.d[0] != 0.0,
+            _ => false,
+        },
+        _ => false,
+    };
+    (0..parts.surfaces.len()).filter(|&k| lit && moves(&parts.surfaces[k])).collect()
+}
+
+fn edge_on(parts: &Parts<f64>, surface: usize, names: &str) -> Option<Warning> {
+    let s = parts.shapes.iter().find(|s| s.surface == surface)?;
+    let SurfacePart::Rough { alpha, .. } = &parts.surfaces[surface] else { return None };
+    let lights = without_extent(parts).map(|l| format!("`{l}`")).collect::<Vec<_>>().join(", ");
+    let what = format!(
+        "shape `{}`: derivatives by {names} are biased where light without extent ({lights}) shines through it aslant: rough glass of `ggx` facets (alpha {alpha}) cuts light off at some angles, and how that edge moves is known for area lights and skies only",
+        s.name
+    );
+    let hint = "use a small area light, or <string name=\"distribution\" value=\"beckmann\"/>, which has no such edge";
+    Some(warning(WarningKind::EdgeOnFacets, &s.span, what, hint.into()))
 }
 
 /// Smooth interfaces between equal indices of which one changes with a parameter. Light at grazing is mirrored as soon as they differ, whichever is the larger ([T] 9), in a

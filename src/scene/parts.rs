@@ -11,6 +11,7 @@ use crate::math::{DMat4, DVec3, Real, V3, warp};
 use crate::native::vdb::Select;
 use crate::params::{Owner, Quantity};
 use crate::surface::microfacet::Distribution;
+use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -119,6 +120,17 @@ pub enum SurfacePart<R> {
         smooth: Box<SurfacePart<R>>,
     },
     Null,
+}
+
+impl SurfacePart<f64> {
+    /// How the index behind an interface compares to that before it.
+    pub fn denser(&self) -> Option<Ordering> {
+        match self {
+            SurfacePart::Dielectric { interior, exterior } => interior.partial_cmp(exterior),
+            SurfacePart::Rough { smooth, .. } => smooth.denser(),
+            _ => None,
+        }
+    }
 }
 
 impl<R> SurfacePart<R> {

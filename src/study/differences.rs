@@ -11,8 +11,9 @@ use crate::error::{Error, Result};
 use crate::params::Quantity;
 use crate::render::family::{Family, Member, View, numbers};
 use crate::render::health::Health;
-use crate::scene::parts::Parts;
+use crate::scene::parts::{Parts, SurfacePart};
 use serde::Serialize;
+use std::cmp::Ordering;
 
 /// Where the points of a difference lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -71,6 +72,23 @@ impl At<'_> {
     pub fn fits(&self, side: Side, h: f64) -> Result<bool> {
         for &(o, _) in side.stencil() {
             if o != 0.0 && !self.takes(o * h)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Whether every interface keeps its denser side over a stencil with this step: at equal indices the picture has a kink, and near them derivatives have hardly a variance.
+    pub fn keeps_sides(&self, side: Side, h: f64) -> Result<bool> {
+        let denser = |offset: f64| -> Result<Vec<Option<Ordering>>> {
+            let desc = self.family.describe(&[(self.name, self.value + offset)])?;
+            let parts = Parts::read(&desc, &desc.values::<f64>())?;
+            Ok(parts.surfaces.iter().map(SurfacePart::denser).collect())
+        };
+        let own = denser(0.0)?;
+        for &(o, _) in side.stencil().iter().filter(|x| x.0 != 0.0) {
+            let is_turned = |(a, b): (&Option<Ordering>, Option<Ordering>)| *a != Some(Ordering::Equal) && *a != b;
+            if own.iter().zip(denser(o * h)?).any(is_turned) {
                 return Ok(false);
             }
         }
@@ -212,6 +230,24 @@ mod tests {
 
     fn apply(weights: &[(f64, f64)], f: impl Fn(f64) -> f64) -> f64 {
         weights.iter().map(|&(o, w)| w * f(1.0 + o)).sum()
+    }
+
+    /// Steps do not reach over equal indices, unless they begin there.
+    #[test]
+    fn steps_keep_the_denser_side() {
+        let at = |value: f64, side: Side, h: f64| {
+            let text = format!(
+                r#"<scene version="3.0.0"><default name="ior" value="{value}"/><default name="other" value="1.5"/><integrator type="volpath"/><emitter type="constant"/>
+  <shape type="sphere"><bsdf type="roughdielectric"><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf></shape>
+  <shape type="sphere"><point name="center" value="4, 0, 0"/><bsdf type="dielectric"><float name="int_ior" value="1"/><float name="ext_ior" value="$other"/></bsdf></shape>
+  <sensor type="perspective"><transform name="to_world"><translate z="-4"/></transform></sensor></scene>"#
+            );
+            let family = Family::text(&text, std::path::Path::new("sides.xml"));
+            At { family: &family, name: "ior", value }.keeps_sides(side, h).unwrap()
+        };
+        assert!(at(1.45, Side::Central, 0.4) && at(1.45, Side::Forward, 0.5) && !at(1.45, Side::Central, 0.5));
+        assert!(!at(0.8, Side::Forward, 0.3) && at(0.8, Side::Backward, 0.2));
+        assert!(at(1.0, Side::Central, 0.3));
     }
 
     #[test]

@@ -41,7 +41,7 @@ pub fn start(at: &At, largest: f64) -> Result<(Side, f64)> {
     for side in [Side::Central, Side::Forward, Side::Backward] {
         let mut h = largest;
         for _ in 0..STEPS - AHEAD {
-            if at.fits(side, h)? {
+            if at.fits(side, h)? && at.keeps_sides(side, h)? {
                 return Ok((side, h));
             }
             h *= 0.5;
