@@ -32,7 +32,7 @@ pub struct Evaluated {
     /// From the picture's noise (normal, channels of a pixel fully correlated); that of the reference is not in it.
     pub error: f64,
     pub adjoint: Vec<Rgb>,
-    /// Its standard deviations, from the picture's noise as well; none where one batch tells nothing of that.
+    /// Its standard deviations, from the picture's noise as well; no numbers where one batch tells nothing of that.
     pub noise: Vec<Rgb>,
 }
 
@@ -69,10 +69,14 @@ impl Loss {
                 error += variance.map(f64::sqrt).sum().powi(2);
                 adjoint.push(d.map(|x| if x == 0.0 { 0.0 } else { x.signum() * scale }));
                 // A sign that is another one with the probability p has the variance 4 p (1-p).
-                let turned = |c: usize| {
-                    if variance[c] > 0.0 { 0.5 * erfc(d[c].abs() / (2.0 * variance[c]).sqrt()) } else { 0.0 }
-                };
-                noise.push(Rgb::from_fn(|c| 2.0 * (turned(c) * (1.0 - turned(c))).sqrt() * scale));
+                noise.push(Rgb::from_fn(|c| match variance[c] {
+                    v if v > 0.0 => {
+                        let p = 0.5 * erfc(d[c].abs() / (2.0 * v).sqrt());
+                        2.0 * (p * (1.0 - p)).sqrt() * scale
+                    }
+                    // 0, or no number.
+                    v => v,
+                }));
             } else {
                 value += (d.dot(d) - variance.sum()) * scale;
                 // Variance of (d + e)^2 for normal e.
@@ -81,9 +85,6 @@ impl Loss {
                 adjoint.push(d * (2.0 * scale));
                 noise.push(variance.map(f64::sqrt) * (2.0 * scale));
             }
-        }
-        if !noise.iter().all(|x| x.is_finite()) {
-            noise.clear();
         }
         Ok(Evaluated { value, error: error.sqrt() * scale, adjoint, noise })
     }

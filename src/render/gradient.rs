@@ -215,7 +215,8 @@ impl Batches {
                 // Squares of means without what their own errors make of them.
                 let drawn = (1..=DRAWS).map(|k| of_sum(k * slots + s));
                 let variance = drawn.map(|(m, e)| m * m - e * e).sum::<f64>() / DRAWS as f64;
-                error[s] = error[s].hypot(variance.max(0.0).sqrt());
+                // Where the noise is not known, neither is the error.
+                error[s] = if variance.is_nan() { f64::NAN } else { error[s].hypot(variance.max(0.0).sqrt()) };
             }
         }
         for (sum, square) in mean.iter_mut().zip(&mut error).skip(slots) {

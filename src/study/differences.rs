@@ -226,6 +226,7 @@ impl Bias {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sweep::start;
     use super::*;
 
     fn apply(weights: &[(f64, f64)], f: impl Fn(f64) -> f64) -> f64 {
@@ -235,7 +236,7 @@ mod tests {
     /// Steps do not reach over equal indices, unless they begin there.
     #[test]
     fn steps_keep_the_denser_side() {
-        let at = |value: f64, side: Side, h: f64| {
+        let with = |value: f64, f: &dyn Fn(&At) -> bool| {
             let text = format!(
                 r#"<scene version="3.0.0"><default name="ior" value="{value}"/><default name="other" value="1.5"/><integrator type="volpath"/><emitter type="constant"/>
   <shape type="sphere"><bsdf type="roughdielectric"><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf></shape>
@@ -243,11 +244,13 @@ mod tests {
   <sensor type="perspective"><transform name="to_world"><translate z="-4"/></transform></sensor></scene>"#
             );
             let family = Family::text(&text, std::path::Path::new("sides.xml"));
-            At { family: &family, name: "ior", value }.keeps_sides(side, h).unwrap()
+            f(&At { family: &family, name: "ior", value })
         };
+        let at = |value: f64, side: Side, h: f64| with(value, &|at| at.keeps_sides(side, h).unwrap());
         assert!(at(1.45, Side::Central, 0.4) && at(1.45, Side::Forward, 0.5) && !at(1.45, Side::Central, 0.5));
         assert!(!at(0.8, Side::Forward, 0.3) && at(0.8, Side::Backward, 0.2));
         assert!(at(1.0, Side::Central, 0.3));
+        assert!(with(1.45, &|at| start(at, 0.58).unwrap() == (Side::Central, 0.29)));
     }
 
     #[test]

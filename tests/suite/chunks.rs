@@ -1,10 +1,6 @@
 //! Long paths are swept in chunks that are walked again: the same bits as one long record, in bounded memory.
 
-use crate::common::{params, scene};
-use std::sync::Arc;
-use tyndall::math::rng::Rng;
-use tyndall::params::Forward;
-use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
+use crate::common::same_in_chunks;
 
 /// A thick, nearly lossless slab with a lamp, a point light inside and a surface: every kind of event.
 const THICK: &str = r#"<scene version="3.0.0">
@@ -21,31 +17,5 @@ const THICK: &str = r#"<scene version="3.0.0">
 
 #[test]
 fn chunked_sweep_gives_the_same_bits() {
-    let (desc, scene) = scene(THICK);
-    let p = params(&desc, &scene, &["sigma_t", "albedo", "g", "i"]);
-    let facts = Arc::new(SweepFacts::of(&scene, &scene.sensors[0], &p).unwrap());
-    let sweep = Sweep { scene: &scene, set: &scene.settings, params: &p, facts, sensor: &scene.sensors[0] };
-    let mut longest = 0;
-    for sample in 0..200 {
-        let run = |chunk: usize| {
-            let mut rec = PathRecord::new();
-            rec.chunk = chunk;
-            let rng = Rng::keyed(1, 1, 5, sample);
-            let (o, w) = scene.sensors[0].ray(2.0, 2.1);
-            let state = State::new(rng, o, w, None);
-            let mut sink = Forward::new(&p);
-            let mut tally = Tally::default();
-            let value = sweep.sample(&state, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
-            (value, sink.image, rec.chunk_starts.len())
-        };
-        let (v, d, none) = run(usize::MAX);
-        assert_eq!(none, 0);
-        for chunk in [16, 100] {
-            let (vc, dc, chunks) = run(chunk);
-            longest = longest.max(chunks);
-            assert_eq!(v, vc);
-            assert_eq!(d, dc, "sample {sample}, chunk {chunk}");
-        }
-    }
-    assert!(longest > 20, "paths are too short to test anything: {longest} chunks");
+    same_in_chunks(THICK, &["sigma_t", "albedo", "g", "i"], 21);
 }

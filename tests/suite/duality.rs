@@ -152,7 +152,9 @@ fn errors_of_a_losss_gradient() {
             println!("{share} {loss:?} {k}: {all} {part}");
             // Five standard errors of a variance of 60 values.
             assert!((all - 1.0).abs() < 5.0 * (2.0 / 59.0f64).sqrt(), "{share} {loss:?} {k}: {all}");
-            assert!(share < 1.0 || part < 0.8, "{share} {loss:?} {k}: {part}");
+            // Without the picture's noise it would be this part.
+            let least = if loss == Loss::L1 { 1.2 } else { 2.0 };
+            assert!(share < 1.0 || all > least * part, "{share} {loss:?} {k}: {all} {part}");
         }
     }
 }
