@@ -124,6 +124,8 @@ pub struct Facts {
     pub surfaces: bool,
     /// Surfaces that reflect light on.
     pub reflecting: bool,
+    /// Of those, some that are neither glass nor mirrors.
+    pub receivers: bool,
     /// Opaque things that can stand between a light and what it lights (a lamp's own shape alone does not).
     pub occluders: bool,
     /// Point, spot or directional light.
@@ -141,7 +143,7 @@ pub struct Facts {
     pub dielectric: bool,
     /// All of it is rectangles and disks: a rectangle or a disk.
     pub only_panes: bool,
-    /// All of it has straight borders, and nothing else casts shadows.
+    /// All that casts shadows, glass too, has straight borders.
     pub only_straight: bool,
     /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,
@@ -358,11 +360,11 @@ impl Plan {
             let light = motion.zero_measure_light || motion.profile;
             // By way of flat faces all light of lights without extent is known, where they are parallel and nothing casts shadows: `term::panes` sees to that.
             let turns = motion.camera || motion.ior || motion.interface;
-            let known = (facts.only_panes || facts.only_straight)
-                && !(motion.opaque || motion.area_light)
-                && (light || facts.zero_measure_light && turns);
+            let moved = motion.opaque || motion.area_light;
+            let known = (facts.only_panes && !moved || facts.only_straight)
+                && (light || facts.zero_measure_light && (turns || moved));
             if known {
-                let why = if turns {
+                let why = if turns || moved {
                     "a light shines by way of flat faces"
                 } else {
                     "a light moves that shines by way of flat faces"
@@ -370,12 +372,15 @@ impl Plan {
                 all.entry(Term::C).or_insert_with(|| format!("{why} ({name})"));
                 if facts.only_straight {
                     all.entry(Term::G).or_insert_with(|| format!("{why}, which end ({name})"));
+                    if facts.receivers {
+                        all.entry(Term::R).or_insert_with(|| format!("{why}, which end ({name})"));
+                    }
                 }
             }
             for (term, why) in needed(&facts, &motion) {
                 let covered = match term {
                     Term::G | Term::R => true,
-                    Term::VE => !turns,
+                    Term::VE => !(turns || moved),
                     Term::C => !facts.cut_beam,
                     _ => false,
                 };
@@ -487,6 +492,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         medium: !p.media.is_empty(),
         surfaces: !solid.is_empty(),
         reflecting: solid.iter().any(|s| reflects(s.surface)),
+        receivers: solid.iter().any(|s| reflects(s.surface) && !smooth(s.surface)),
         // A single lamp does not shade itself; anything else may.
         occluders: solid.iter().any(|s| s.light.is_none()) || solid.len() > 1,
         zero_measure_light,
@@ -503,9 +509,10 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         only_panes: p.shapes.iter().any(|s| smooth(s.surface))
             && p.shapes.iter().all(|s| !smooth(s.surface) || matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk)),
         only_straight: p.shapes.iter().any(|s| smooth(s.surface))
-            && solid.iter().all(|s| {
-                let round = matches!(s.kind, ShapeKind::Sphere { .. } | ShapeKind::Disk | ShapeKind::Cylinder { .. });
-                smooth(s.surface) && !round
+            && solid.iter().all(|s| match s.kind {
+                ShapeKind::Sphere { .. } | ShapeKind::Disk | ShapeKind::Cylinder { .. } => false,
+                ShapeKind::Rectangle => !through(s.surface),
+                _ => true,
             }),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),

@@ -14,35 +14,62 @@
 //! Where two faces in turn share an edge, light passes both at one point of it: such a border is the first one's alone.
 
 use super::cast_sheet::{Bodies, Sheet, count, of_light};
+use super::cast_trace::Traces;
 use super::interfaces::FACETS;
 use super::sheet::Partials;
 use super::spans::{self, Bare, Moves, Walked};
 use super::{Context, LightMotion, Motion, Sample};
 use crate::error::{Error, Result};
 use crate::light::Light;
-use crate::math::Rgb;
+use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
 use crate::params::{Partial, Slot};
 use crate::phase::one_minus_cos;
 use crate::scene::chains::has_flat_faces;
-use crate::scene::{Instance, Scene, effort};
+use crate::scene::{Instance, On, Scene, effort};
+use crate::sensor::Sensor;
 use crate::shape::{Geometry, Shape, TriangleMesh};
 use crate::transport::Tally;
 
 /// How far from the border on either side light is asked for, in scene radii: Embree's f32 rays must tell which face is met.
 const ASIDE: f64 = 1e-5;
+/// Faces of an opaque mesh at most.
+const OPAQUE: u32 = 4096;
 /// Sheets of a scene at most.
 const SHEETS: usize = 1 << 18;
 
 pub struct Casts {
+    ended: Ended,
+    bodies: Bodies,
+    traces: Option<Traces>,
+}
+
+/// Where light ends.
+pub struct Ended {
     /// Those that are asked for more often first.
     sheets: Vec<Sheet>,
-    bodies: Bodies,
     /// Of each light the slot of its position or direction, where that moves.
     slots: Vec<Option<Slot>>,
 }
 
-/// Whether all of them are known where something moves: what is smooth has straight borders, nothing else casts shadows, and nothing moves but lights, the camera and what is smooth.
+impl Ended {
+    pub fn sheets(&self) -> &[Sheet] {
+        &self.sheets
+    }
+
+    /// How far from the border on either side light is asked for.
+    pub fn aside(&self, scene: &Scene) -> f64 {
+        ASIDE * scene.bounds.radius()
+    }
+
+    /// What the light's own motion adds to a sheet's.
+    pub fn by_light(&self, sheet: &Sheet, v: DVec3) -> Option<Partial> {
+        self.slots[sheet.light as usize].map(|slot| Partial { slot, v, len: 3 })
+    }
+}
+
+/// Whether all of them are known where something moves: whatever casts shadows has straight borders, and no border of a medium alone moves.
 pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
     if !scene.lights.iter().any(Light::is_delta) {
         return false;
@@ -51,16 +78,17 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
         if scene.is_null(s) {
             return !motion.moves(id);
         }
-        scene.surface_of(id).is_smooth()
-            && match &s.shape {
-                Shape::Cube(_) => true,
-                // One of glass bounds a half-space, whose border has to be out of sight.
-                Shape::Rectangle(_) => !scene.surface_of(id).is_transparent(),
-                Shape::Mesh(m) => {
-                    has_flat_faces(s) && s.shape.face_count() <= FACETS && is_convex(m, scene.tolerance(m.bounds().max))
-                }
-                _ => false,
+        let smooth = scene.surface_of(id).is_smooth();
+        match &s.shape {
+            Shape::Cube(_) => true,
+            // One of glass bounds a half-space, whose border has to be out of sight.
+            Shape::Rectangle(_) => !(smooth && scene.surface_of(id).is_transparent()),
+            Shape::Mesh(_) if !smooth => has_flat_faces(s) && s.shape.face_count() <= OPAQUE,
+            Shape::Mesh(m) => {
+                has_flat_faces(s) && s.shape.face_count() <= FACETS && is_convex(m, scene.tolerance(m.bounds().max))
             }
+            _ => false,
+        }
     };
     let chains = &scene.chains;
     !chains.faces.is_empty() && !chains.cut && !chains.touching && (0..).zip(&scene.shapes).all(known)
@@ -68,7 +96,8 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
 
 /// What would make borders more than can be told: to be asked where they are known ([`are_known`]).
 pub fn check(scene: &Scene) -> Result<()> {
-    let smooth: Vec<&Instance> = scene.shapes.iter().filter(|s| !scene.is_null(s)).collect();
+    let is_smooth = |s: &&Instance| scene.surfaces[s.surface as usize].is_smooth();
+    let smooth: Vec<&Instance> = scene.shapes.iter().filter(is_smooth).collect();
     for (i, a) in smooth.iter().enumerate() {
         if let Some(b) = smooth[i + 1..].iter().find(|b| a.shape.bounds().gap(&b.shape.bounds()) == 0.0) {
             let what = format!(
@@ -106,7 +135,7 @@ fn is_convex(m: &TriangleMesh, slack: f64) -> bool {
 
 impl Casts {
     /// `None` where nothing casts such shadows.
-    pub fn prepare(scene: &Scene, motion: &Motion) -> Option<Casts> {
+    pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64) -> Option<Casts> {
         if scene.chains.faces.is_empty() {
             return None;
         }
@@ -121,11 +150,31 @@ impl Casts {
         let bodies = Bodies::new(scene);
         let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, &bodies, id as u32)).collect();
         sheets.sort_by(|a, b| b.asked.total_cmp(&a.asked));
-        (!sheets.is_empty()).then_some(Casts { sheets, bodies, slots })
+        let ended = Ended { sheets, slots };
+        let traces = Traces::prepare(scene, sensor, margin, &ended);
+        (!ended.sheets.is_empty()).then_some(Casts { ended, bodies, traces })
     }
 
-    /// All crossings of a camera path with sheets.
+    /// Whether any of them ends on something that scatters.
+    pub fn has_traces(&self) -> bool {
+        self.traces.is_some()
+    }
+
+    /// Where they end on surfaces, as the camera sees it.
+    pub fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        if let Some(traces) = &self.traces {
+            traces.outward(cx, &self.ended, lead, rng, emit);
+        }
+    }
+
+    /// All crossings of a camera path with sheets, and where they end on surfaces that its vertices see.
     pub fn along(&self, cx: &mut Context, film: [f64; 2], rng: Rng, emit: &mut dyn FnMut(&Sample)) {
+        if let Some(traces) = &self.traces {
+            traces.along(cx, &self.ended, film, &mut { rng }, emit);
+        }
+        if cx.scene.media.is_empty() {
+            return;
+        }
         let mut rec = Bare(spans::record());
         let mut chosen = rng.beside(Rng::next_u64(&mut { rng }));
         spans::walk(cx, film, rng, &mut rec);
@@ -138,7 +187,7 @@ impl Casts {
             let within = self.bodies.around(&walked.span);
             // One of 1/asked each.
             let mut next = chosen.uniform();
-            for sheet in &self.sheets {
+            for sheet in &self.ended.sheets {
                 next += sheet.asked;
                 if next >= 1.0 {
                     next -= 1.0;
@@ -178,8 +227,9 @@ impl Casts {
             let m = met.m;
             let [by_end, by_light] = slide.by_ends(m);
             let slope = by_end.dot(span.w);
-            let off = by_end * (ASIDE * scene.bounds.radius() / by_end.length_squared());
-            let sides = [p + off, p - off].map(|y| sheet.arrives(scene, y, span.medium, &mut tally.unsettled));
+            let off = by_end * (self.ended.aside(scene) / by_end.length_squared());
+            let at = |y: DVec3| (y, On::default(), Some(span.medium));
+            let sides = [p + off, p - off].map(|y| sheet.arrives(scene, at(y), &mut tally.unsettled));
             let medium = &scene.media[span.medium as usize];
             let f = medium.phase.eval(one_minus_cos(span.w, -met.w)) / (sheet.asked * slope.abs());
             let flux = (walked.weight)(t) * medium.coefficients(p).1 * (sides[0] - sides[1]) * f;
@@ -194,12 +244,10 @@ impl Casts {
                     continue;
                 };
                 velocity.forms(scene, cx.sensor, m, |q| partials.push(q));
-                let (shape, face) = sheet.border.own;
+                let (shape, face) = sheet.border.own();
                 scene.matter(shape, face).forms(sheet.point(s), -m, |q| partials.push(q));
             }
-            if let Some(slot) = self.slots[sheet.light as usize] {
-                partials.push(Partial { slot, v: by_light, len: 3 });
-            }
+            partials.extend(self.ended.by_light(sheet, by_light));
             emit(flux, &partials);
         }
     }

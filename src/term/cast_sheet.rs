@@ -12,9 +12,9 @@ use crate::math::root::{dip, root};
 use crate::math::{DVec3, Rgb};
 use crate::scene::beams::Step;
 use crate::scene::chains::{Face, Link, MOST};
-use crate::scene::{On, Scene};
+use crate::scene::{Hit, Instance, On, Scene};
 use crate::shape::Geometry;
-use crate::shape::edges::{border, sides};
+use crate::shape::edges::{border, sides, with_corners};
 use crate::transport::record::MediumSpan;
 use crate::transport::way_motion::Slide;
 use crate::transport::{beam, chain};
@@ -48,14 +48,21 @@ pub struct Sheet {
     pieces: Vec<Vec<(f64, Ray)>>,
 }
 
-/// An edge of one face or two of a shape.
+/// An edge of one face or two of a shape, of what is smooth or opaque.
 #[derive(Clone, Debug)]
 pub struct Border {
     ends: [DVec3; 2],
-    /// The face whose matter it goes with.
-    pub own: (u32, u32),
+    /// Shape and face: its matter goes with the first.
+    faces: SmallVec<[(u32, u32); 2]>,
     /// Directions into its faces.
     into: SmallVec<[DVec3; 2]>,
+}
+
+impl Border {
+    /// The face whose matter it goes with.
+    pub fn own(&self) -> (u32, u32) {
+        self.faces[0]
+    }
 }
 
 /// Of a sheet: unit direction.
@@ -176,13 +183,17 @@ pub fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
             let before = at.checked_sub(1).map(|k| &faces[links[k].face as usize]);
             let shared = |ends: &[DVec3; 2]| before.is_some_and(|b| edges(b).any(|other| is_same(scene, ends, &other)));
             for &ends in ends[link.face as usize].iter().filter(|ends| !shared(ends)) {
-                add(at, false, Border { ends, own: (face.shape, face.face), into: SmallVec::new() });
+                add(
+                    at,
+                    false,
+                    Border { ends, faces: SmallVec::from_iter([(face.shape, face.face)]), into: SmallVec::new() },
+                );
             }
         }
         for at in 0..=links.len() {
             // Convex bodies do not stand on lines that end on them.
             let around = [at.checked_sub(1), Some(at)].map(|k| Some(faces[links.get(k?)?.face as usize].shape));
-            for b in borders.iter().filter(|b| !around.contains(&Some(b.own.0))) {
+            for b in borders.iter().filter(|b| !around.contains(&Some(b.own().0))) {
                 add(at, true, b.clone());
             }
         }
@@ -193,7 +204,7 @@ pub fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
 
 /// The borders of a face. Of two facets in one plane either takes over what the other leaves.
 fn ends_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<[DVec3; 2]> {
-    let counts = |ends: &[DVec3; 2]| borders.iter().any(|b| b.own.0 == face.shape && is_same(scene, &b.ends, ends));
+    let counts = |ends: &[DVec3; 2]| borders.iter().any(|b| b.own().0 == face.shape && is_same(scene, &b.ends, ends));
     edges(face).filter(counts).collect()
 }
 
@@ -207,15 +218,36 @@ fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {
     border(face.corners())
 }
 
-/// All edges of what is smooth, each once, but those within a plane.
+/// All edges of what is smooth or opaque, each once, but those within a plane.
 fn borders(scene: &Scene) -> Vec<Border> {
     let mut found: Vec<Border> = Vec::new();
-    for f in &scene.chains.faces {
-        for (ends, (_, into)) in edges(f).zip(sides(f.corners())) {
-            match found.iter_mut().find(|b| b.own.0 == f.shape && is_same(scene, &b.ends, &ends)) {
-                Some(known) => known.into.push(into),
-                None => found.push(Border { ends, own: (f.shape, f.face), into: SmallVec::from_iter([into]) }),
+    let mut first = 0;
+    let mut add = |shape: u32, face: u32, corners: &[DVec3]| {
+        // Faces come shape by shape.
+        if found.last().is_some_and(|b| b.own().0 != shape) {
+            first = found.len();
+        }
+        for (ends, (_, into)) in border(corners).zip(sides(corners)) {
+            match found[first..].iter_mut().find(|b| is_same(scene, &b.ends, &ends)) {
+                Some(known) => {
+                    known.faces.push((shape, face));
+                    known.into.push(into);
+                }
+                None => found.push(Border {
+                    ends,
+                    faces: SmallVec::from_iter([(shape, face)]),
+                    into: SmallVec::from_iter([into]),
+                }),
             }
+        }
+    };
+    for f in &scene.chains.faces {
+        add(f.shape, f.face, f.corners());
+    }
+    let is_opaque = |(id, s): &(u32, &Instance)| !scene.is_null(s) && !scene.surface_of(*id).is_smooth();
+    for (id, s) in (0..).zip(&scene.shapes).filter(is_opaque) {
+        for face in 0..s.shape.face_count() {
+            with_corners(&s.shape, face, |corners| add(id, face, corners));
         }
     }
     // Within a plane there is none.
@@ -240,8 +272,40 @@ impl Sheet {
         self.border.ends[0].lerp(self.border.ends[1], s)
     }
 
-    fn along(&self) -> DVec3 {
+    /// Unit direction of the border.
+    pub fn along(&self) -> DVec3 {
         (self.border.ends[1] - self.border.ends[0]).normalize()
+    }
+
+    /// Of the border.
+    pub fn length(&self) -> f64 {
+        (self.border.ends[1] - self.border.ends[0]).length()
+    }
+
+    /// Stretches of the border, between neighbouring places of which rays are known.
+    pub fn stretches(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        self.pieces.iter().flat_map(|p| p.windows(2).map(|w| [w[0].0, w[1].0])).filter(|[a, b]| b > a)
+    }
+
+    /// What its rays begin on: the border's faces, and the last one that they meet.
+    pub fn grazed(&self, scene: &Scene) -> SmallVec<[(u32, Vec<u32>); 2]> {
+        let mut grazed: SmallVec<[(u32, Vec<u32>); 2]> = SmallVec::new();
+        let last = self.links.last().map(|l| &scene.chains.faces[l.face as usize]).map(|f| (f.shape, f.face));
+        for (shape, face) in self.border.faces.iter().copied().chain(last) {
+            match grazed.iter_mut().find(|g| g.0 == shape) {
+                Some(known) => known.1.push(face),
+                None => grazed.push((shape, vec![face])),
+            }
+        }
+        grazed
+    }
+
+    /// Where the ray by a place of the border ends on something that scatters. Not what the border stands on: the border itself is seen there.
+    pub fn lands(&self, scene: &Scene, s: f64) -> Option<Hit> {
+        let ray = self.ray(scene, s)?;
+        let hit = scene.opaque_past(ray.o, ray.w, f64::INFINITY, &self.grazed(scene))?;
+        let from_border = (hit.p - self.point(s)).length();
+        (!scene.surface_of(hit.shape).is_smooth() && from_border > ends::contact(scene)).then_some(hit)
     }
 
     fn from(&self, scene: &Scene) -> Option<Origin<f64>> {
@@ -412,7 +476,7 @@ impl Sheet {
         let (mut steps, mut idle) = (SmallVec::from_vec(before), None);
         let m = if self.between {
             let n = (comes - along * comes.dot(along)).try_normalize()?;
-            let (shape, face) = self.border.own;
+            let (shape, face) = self.border.own();
             idle = Some(steps.len());
             steps.push(Step { shape, face, p: z, n, before: comes, behind: comes, through: true });
             n.cross(along)
@@ -425,13 +489,13 @@ impl Sheet {
         Some(Met { from: self.from(scene)?, steps, idle, first, m, w: ray.w })
     }
 
-    /// Irradiance across its direction that the light brings to y by the faces; none where it does not come. Searches that do not settle are counted.
-    pub fn arrives(&self, scene: &Scene, y: DVec3, medium: u32, unsettled: &mut u64) -> Rgb {
+    /// Irradiance across its direction that the light brings to y, whose faces and medium are given, by the faces; none where it does not come. Searches that do not settle are counted.
+    pub fn arrives(&self, scene: &Scene, (y, on, medium): (DVec3, On, Option<u32>), unsettled: &mut u64) -> Rgb {
         let light = &scene.lights[self.light as usize];
         let mut found = || {
             let (way, points) = chain::way(scene, (self.light, &self.links), self.from(scene)?, y, unsettled)?;
             let emission = light.emission_toward(points.last().copied().unwrap_or(y))?;
-            let clear = beam::clear(scene, &way, &points, (y, On::default(), Some(medium)), &mut |_| {})?;
+            let clear = beam::clear(scene, &way, &points, (y, on, medium), &mut |_| {})?;
             Some(emission.color() * clear * way.gain)
         };
         found().unwrap_or(Rgb::ZERO)

@@ -61,10 +61,13 @@ fn light_jumps_at_sheets_alone() {
         }
         let brings = |own: &[&Way], y: DVec3, within: u64| {
             let each = own.iter().map(|(links, asked)| {
-                let border = Border { ends: [DVec3::ZERO; 2], own: (0, 0), into: SmallVec::new() };
+                let border = Border { ends: [DVec3::ZERO; 2], faces: SmallVec::new(), into: SmallVec::new() };
                 let (links, asked, pieces) = (links.clone(), *asked, Vec::new());
-                Sheet { light: 0, links, asked, at: 0, between: false, border, within, pieces }
-                    .arrives(&scene, y, 0, &mut 0)[1]
+                Sheet { light: 0, links, asked, at: 0, between: false, border, within, pieces }.arrives(
+                    &scene,
+                    (y, On::default(), Some(0)),
+                    &mut 0,
+                )[1]
             });
             each.sum::<f64>()
         };

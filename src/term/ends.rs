@@ -13,6 +13,7 @@ use crate::shape::{Geometry, Shape};
 use crate::transport::first::{First, Met, Nth, Seen};
 use crate::transport::line::Line;
 use crate::transport::record::{MediumSpan, Recorder};
+use crate::transport::velocity::Velocity;
 use crate::transport::walk::{Stage, State, Walker};
 
 /// Light by the number of its scatterings so far.
@@ -263,6 +264,18 @@ impl Watch {
         Watch { first, place }
     }
 
+    /// How the point moves.
+    pub fn velocity(&self, cx: &Context, point: &Point) -> Velocity {
+        let at = match point {
+            Point::Surface(h) => Met::Surface(*h),
+            Point::Medium(p) => Met::Medium(*p),
+            // Seen by the camera itself it moves as the first vertex.
+            Point::Infinity if self.place == Nth::First => Met::Medium(DVec3::ZERO),
+            Point::Infinity => return Velocity::default(),
+        };
+        if cx.moving.any() { cx.moving.vertex(cx.scene, &self.first, self.place, &at) } else { Velocity::default() }
+    }
+
     /// The same beginning, for the point that comes after the one at hand.
     pub fn beyond(&self, cx: &Context, point: &Point) -> Watch {
         let first = self.first.clone();
@@ -294,19 +307,9 @@ fn camera_span(cx: &Context, q: &Projected) -> Option<MediumSpan> {
 
 /// `<c, ẋ>` of a point.
 pub fn motion(cx: &Context, point: &Point, watch: &Watch, c: DVec3, out: &mut Partials) {
-    let (scene, moving) = (cx.scene, cx.moving);
-    if !moving.any() || c == DVec3::ZERO {
-        return;
+    if c != DVec3::ZERO {
+        watch.velocity(cx, point).forms(cx.scene, cx.sensor, c, |p| out.push(p));
     }
-    let at = match point {
-        Point::Surface(h) => Met::Surface(*h),
-        Point::Medium(p) => Met::Medium(*p),
-        // Seen by the camera itself it moves as the first vertex.
-        Point::Infinity if watch.place == Nth::First => Met::Medium(DVec3::ZERO),
-        Point::Infinity => return,
-    };
-    let velocity = moving.vertex(scene, &watch.first, watch.place, &at);
-    velocity.forms(scene, cx.sensor, c, |p| out.push(p));
 }
 
 /// `-v_⊥` (25) of a line that grazes at b, between S and D at these distances from there; n toward the unblocked side. D may be at infinity.

@@ -41,7 +41,8 @@ impl LightShadow {
     /// Silhouettes from every light whose shadows may move over something; `None` if there are none.
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64) -> Option<LightShadow> {
         let smooth = scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
-        let casts = (smooth && !panes::are_clear(scene, sensor, margin, motion)).then(|| Casts::prepare(scene, motion));
+        let casts = (smooth && !panes::are_clear(scene, sensor, margin, motion))
+            .then(|| Casts::prepare(scene, sensor, motion, margin));
         let mut lights = Vec::new();
         for (i, (l, m)) in scene.lights.iter().zip(&motion.lights).enumerate() {
             if !l.is_delta() || smooth {
@@ -106,14 +107,22 @@ impl Room for LightShadow {
     }
 
     fn has_outward(&self) -> bool {
-        !self.lights.is_empty()
+        !self.lights.is_empty() || self.casts.as_ref().is_some_and(Casts::has_traces)
     }
 
     fn guided_numbers(&self) -> usize {
-        if self.lights.is_empty() { 0 } else { DIMENSIONS }
+        match &self.casts {
+            // Place on the borders, and the chain by which that is seen.
+            Some(casts) if casts.has_traces() => 2,
+            _ if self.lights.is_empty() => 0,
+            _ => DIMENSIONS,
+        }
     }
 
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        if let Some(casts) = &self.casts {
+            return casts.outward(cx, lead, rng, emit);
+        }
         if self.lights.is_empty() {
             return;
         }

@@ -5,10 +5,12 @@
 //! camera ray (its crossings with the sheet, exact), and from the sheet outward. Whoever adds the samples up weighs them by
 //! [`Sample::weigh`], the balance heuristic in film space.
 
+pub mod aim;
 pub mod arcs;
 pub mod beam_rim;
 pub mod cast;
 mod cast_sheet;
+mod cast_trace;
 pub mod contact;
 pub mod crossings;
 pub mod cuts;

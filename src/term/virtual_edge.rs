@@ -13,6 +13,7 @@
 //! face. Along the rim of a ball of glass both sides see the same light, as all is mirrored straight on, but where it ends is told in two ways, and they move
 //! differently.
 
+use super::aim::{Aimed, From, Interfaces};
 use super::edge_set::EdgeSet;
 use super::ends::{self, Point};
 use super::facing::{Facing, Outline};
@@ -25,17 +26,16 @@ use super::{Context, Motion, Room, Sample};
 use crate::math::discrete::Discrete;
 use crate::math::guide::Numbers;
 use crate::math::rng::Rng;
-use crate::math::{DVec3, Rgb, warp};
+use crate::math::{DVec3, Rgb};
 use crate::scene::{Hit, Instance, Scene};
-use crate::sensor::{Projection, Sensor};
-use crate::shape::{Geometry, Shape};
+use crate::sensor::Sensor;
+use crate::shape::Shape;
 use crate::surface::Surface;
 use crate::transport::first::FilmLine;
 use crate::transport::ray::MovingRay;
-use crate::transport::shot::{self, Drawn, Eye, Place, Shot, Start, Step, Target};
+use crate::transport::shot::{self, Eye, Shot, Target};
 use crate::transport::walk::Stage;
 use std::borrow::Cow;
-use std::cell::Cell;
 use std::sync::Arc;
 
 pub const NAME: &str = "virtual_edge";
@@ -53,9 +53,7 @@ pub struct VirtualEdge {
     /// Over edges and balls: all, and those that are smooth, for straight lines.
     all: Discrete,
     smooth: Discrete,
-    /// Smooth shapes, and a choice of them by area.
-    interfaces: Vec<u32>,
-    by_area: Discrete,
+    interfaces: Interfaces,
 }
 
 fn is_smooth(scene: &Scene, shape: u32) -> bool {
@@ -72,34 +70,6 @@ fn sees_rims(scene: &Scene, is_ball: impl Fn(&Instance) -> bool) -> bool {
     scene.shapes.iter().any(beside) || scene.sensors.iter().any(|s| fog(s.medium))
 }
 
-/// A shot past an edge or a ball, and the probability of the way that it was looked for.
-enum Aimed {
-    /// By a chosen chain: of that choice, too.
-    Known(Shot, f64),
-    Drawn(Drawn, f64),
-}
-
-fn camera_eye(sensor: &Sensor) -> Eye {
-    let (o, w) = sensor.ray(0.5 * sensor.width as f64, 0.5 * sensor.height as f64);
-    match sensor.projection {
-        Projection::Perspective { .. } => Eye::Point(o),
-        Projection::Orthographic => Eye::Parallel(w),
-    }
-}
-
-fn camera_place(sensor: &Sensor) -> Place {
-    Place::within(sensor.medium)
-}
-
-/// Random rays of the film.
-fn film_ray(sensor: &Sensor, margin: f64) -> impl Fn(&mut Rng) -> Option<Start> {
-    move |rng| {
-        let at = |u: f64, size: usize| u * (size as f64 + 2.0 * margin) - margin;
-        let (o, w) = sensor.ray(at(rng.uniform(), sensor.width), at(rng.uniform(), sensor.height));
-        Some(Start { o, w })
-    }
-}
-
 /// What either side of an edge sends along a ray, and how the ray tells its place: held at the eye, or by the vertex where it ends.
 struct Jump {
     held: Rgb,
@@ -110,8 +80,8 @@ struct Jump {
 impl VirtualEdge {
     /// `None` where no ray turns, or nothing moves.
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64) -> Option<VirtualEdge> {
-        let interfaces: Vec<u32> = (0..scene.shapes.len() as u32).filter(|&i| is_smooth(scene, i)).collect();
-        if interfaces.is_empty() || !motion.surfaces() {
+        let interfaces = Interfaces::new(scene);
+        if interfaces.list.is_empty() || !motion.surfaces() {
             return None;
         }
         let edges = motion.edges(scene);
@@ -132,10 +102,11 @@ impl VirtualEdge {
         let smooth = |i: u32| is_smooth(scene, i);
         let is_smooth_ball = |s: &Instance| ball(s) && scene.surfaces[s.surface as usize].is_smooth();
         let rims = sees_rims(scene, is_smooth_ball);
+        let camera = From::camera(sensor, margin);
         // Within a ball that lets no light out no way grazes it.
-        let holds_all = |s: &Instance| match (&s.shape, camera_eye(sensor)) {
+        let holds_all = |s: &Instance| match (&s.shape, &camera.eye) {
             (Shape::Sphere(b), Eye::Point(o)) => {
-                (o - b.center).length() < b.radius && !scene.surfaces[s.surface as usize].is_transparent()
+                (*o - b.center).length() < b.radius && !scene.surfaces[s.surface as usize].is_transparent()
             }
             _ => false,
         };
@@ -152,22 +123,20 @@ impl VirtualEdge {
             let edges = lengths.iter().enumerate().map(|(i, &l)| if edge(i) { l } else { 0.0 });
             Discrete::new(edges.chain(balls.iter().map(|&i| if ball(i) { round(i) } else { 0.0 })))
         };
-        let area = |&i: &u32| scene.shapes[i as usize].shape.area();
         let moving = &motion.moving;
         let turns = |&i: &u32| moving.moves(i) || moving.refracts(scene.shapes[i as usize].surface as usize);
         // Rays of a camera that stands still, by interfaces that do.
-        let still = moving.film_ray().is_still() && !interfaces.iter().any(turns);
+        let still = moving.film_ray().is_still() && !interfaces.list.iter().any(turns);
         let slides = |i: usize| !still || edges.any(i, |s| moving.moves(s));
         let from_camera = with_balls(&slides, &|i| !smooth(i) && (!still || moving.moves(i)));
         let mut known = KnownChains::default();
         if from_camera.total > 0.0 {
-            let eye = camera_eye(sensor);
-            known = KnownChains::find(scene, &eye, &camera_place(sensor), film_ray(sensor, margin));
+            known = camera.known_chains(scene);
             // Chains show edges; past balls others lead.
             if balls.iter().all(|&i| smooth(i)) {
                 let seen = (0..edges.len()).filter(|&i| lengths[i] > 0.0 && slides(i));
                 let ends = seen.map(|i| (i, edges.ends(scene, i))).map(|(i, e)| (i, [e.a, e.b]));
-                known.look_at(scene, &eye, &ends.collect::<Vec<_>>());
+                known.look_at(scene, &camera.eye, &ends.collect::<Vec<_>>());
             }
         }
         let room = VirtualEdge {
@@ -176,7 +145,6 @@ impl VirtualEdge {
             by_length: with_balls(&|_| true, &|i| !smooth(i)),
             all: with_balls(&|_| true, &|_| true),
             smooth: with_balls(&|i| edges.any(i, smooth), &smooth),
-            by_area: Discrete::new(interfaces.iter().map(area)),
             known,
             edges,
             balls,
@@ -303,42 +271,31 @@ impl VirtualEdge {
     ) {
         let scene = cx.scene;
         let start = |cx: &Context, w: DVec3| MovingRay::leaving(v.p(), w, path.velocity(cx, v));
-        let (eye, place) = (Eye::Point(v.p()), v.place(scene));
-        let random = |rng: &mut Rng| {
-            // Small interfaces are found by their points, large ones by directions: of a plane without end nearly all points are seen at grazing.
-            if rng.uniform() < 0.5 {
-                return Some(Start { o: v.p(), w: warp::sphere(rng.uniform(), rng.uniform()) });
-            }
-            let (k, _, u) = self.by_area.sample(rng.uniform());
-            let p = scene.shapes[self.interfaces[k] as usize].shape.sample(u, rng.uniform()).p;
-            Some(Start { o: v.p(), w: (p - v.p()).try_normalize()? })
-        };
+        let from = From::vertex(scene, v, &self.interfaces);
         let begins = |_: &Context, s: &Shot| Some((v.scatter(scene, s.start.w) * v.weight, film));
         if self.by_length.total <= 0.0 {
             return;
         }
         let (spot, far) = (Spot::of(&self.by_length, rng.uniform()), v.depth + 1);
-        let aim = |rng: &mut Rng, target: &Target| {
-            shot::draw(scene, &eye, &place, target, rng, random, |_| false).map(|d| Aimed::Drawn(d, 1.0))
+        let aim = |_: &mut Context, rng: &mut Rng, target: &Target| {
+            from.draw(scene, target, rng, |_| false).map(|d| Aimed::Drawn(d, 1.0))
         };
-        let found = self.through(cx, &eye, &place, start, spot, far, rng, random, aim, begins);
+        let found = self.through(cx, &from, start, spot, far, rng, aim, begins);
         if let Some((flux, film, partials)) = found {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
         }
     }
 
-    /// A shot by way of interfaces from an eye, whose rays are drawn by `random`; `start`: how its ray along a direction moves, `aim` finds one to its target, `begins`: how much it counts and where on the film.
+    /// A shot by way of interfaces; `start`: how its ray along a direction moves, `aim` finds one to its target, `begins`: how much it counts and where on the film.
     fn through(
         &self,
         cx: &mut Context,
-        eye: &Eye,
-        place: &Place,
+        from: &From,
         start: impl Fn(&Context, DVec3) -> MovingRay,
         spot: Spot,
         more: u32,
         rng: &mut Rng,
-        random: impl Fn(&mut Rng) -> Option<Start>,
-        aim: impl Fn(&mut Rng, &Target) -> Option<Aimed>,
+        aim: impl Fn(&mut Context, &mut Rng, &Target) -> Option<Aimed>,
         begins: impl Fn(&Context, &Shot) -> Option<(Rgb, [f64; 2])>,
     ) -> Option<(Rgb, [f64; 2], Partials)> {
         let scene = cx.scene;
@@ -350,11 +307,8 @@ impl VirtualEdge {
             },
         };
         let target = outline.target(spot.t, rng);
-        let aimed = aim(rng, &target)?;
-        let shot = match &aimed {
-            Aimed::Known(shot, _) => shot,
-            Aimed::Drawn(d, _) => &d.shot,
-        };
+        let aimed = aim(cx, rng, &target)?;
+        let shot = aimed.shot();
         let mut ray = start(cx, shot.start.w);
         for met in &shot.chain {
             ray = FilmLine { scene, moving: cx.moving, ray: &ray }.behind(met);
@@ -373,11 +327,7 @@ impl VirtualEdge {
         if jump.is_zero() {
             return None;
         }
-        let trials = match &aimed {
-            Aimed::Known(_, p) => Some(1.0 / p),
-            Aimed::Drawn(d, p) => d.trials(scene, eye, place, &target, rng, &random).map(|k| k / p),
-        };
-        let Some(trials) = trials else {
+        let Some(trials) = aimed.trials(scene, from, &target, rng) else {
             cx.tally.missed_boundary += 1;
             return None;
         };
@@ -458,8 +408,7 @@ impl Room for VirtualEdge {
 
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         let (scene, sensor) = (cx.scene, cx.sensor);
-        let (eye, place) = (camera_eye(sensor), camera_place(sensor));
-        let random = film_ray(sensor, cx.margin);
+        let from = From::camera(sensor, cx.margin);
         let begins = |cx: &Context, s: &Shot| {
             let q = sensor.project(s.start.o + s.start.w)?;
             // Of a unit of solid angle, or of area across parallel rays.
@@ -467,7 +416,6 @@ impl Room for VirtualEdge {
         };
         let start = |cx: &Context, _: DVec3| cx.moving.film_ray().clone();
         let share = self.known.share;
-        let lost = Cell::new(0);
         if self.from_camera.total <= 0.0 {
             return;
         }
@@ -475,22 +423,12 @@ impl Room for VirtualEdge {
         let guided = chain.and_then(|(k, _)| self.known.spot(k, lead[0]));
         let spot = guided.unwrap_or_else(|| Spot::of(&self.from_camera, lead[0]));
         debug_assert!(guided.is_none() || self.balls.iter().all(|&i| is_smooth(scene, i)));
-        let aim = |rng: &mut Rng, target: &Target| {
-            let draw = |rng: &mut Rng, is_known: &dyn Fn(&[Step]) -> bool| {
-                shot::draw(scene, &eye, &place, target, rng, &random, is_known)
-            };
-            match (target, chain) {
-                // Known chains have one ray to a point, but several past a ball: those come from the one table that all share.
-                (Target::Ball { .. }, _) => draw(rng, &|_| false).map(|d| Aimed::Drawn(d, 1.0)),
-                (Target::Point(e), Some((k, p))) => {
-                    let shot = self.known.shoot(scene, &eye, &place, *e, k, &lost)?;
-                    Some(Aimed::Known(shot, share * p))
-                }
-                (Target::Point(_), None) => draw(rng, &|c| self.known.holds(c)).map(|d| Aimed::Drawn(d, 1.0 - share)),
-            }
+        let aim = |cx: &mut Context, rng: &mut Rng, target: &Target| match target {
+            // Known chains have one ray to a point, but several past a ball: those come from the one table that all share.
+            Target::Ball { .. } => from.draw(scene, target, rng, |_| false).map(|d| Aimed::Drawn(d, 1.0)),
+            Target::Point(e) => from.to_point(cx, &self.known, (*e, chain), rng),
         };
-        let found = self.through(cx, &eye, &place, start, spot, 0, rng, &random, aim, begins);
-        cx.tally.missed_boundary += lost.get();
+        let found = self.through(cx, &from, start, spot, 0, rng, aim, begins);
         if let Some((flux, film, partials)) = found {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 0.0, outward: 1.0 });
         }

@@ -20,6 +20,7 @@ const NO: Facts = Facts {
     medium: false,
     surfaces: false,
     reflecting: false,
+    receivers: false,
     occluders: false,
     zero_measure_light: false,
     local_light: false,

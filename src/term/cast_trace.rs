@@ -1,0 +1,320 @@
+//! Where sheets of light by way of flat faces ([`super::cast_sheet`]) meet surfaces: curves across which what the surface sends jumps (term R of [T] section 3, by way of interfaces).
+//!
+//! On a surface f = <x_k - e, m> is a function of its points ([`super::cast`]), and so is a = <x_k, t>, t along the border: what the curve adds to `∫ g L dA` is
+//!
+//! ```text
+//! ∫ g (L⁺ - L⁻) <m, ẋ_k - ė> da / |n·(∇f × ∇a)|
+//! ```
+//!
+//! (dl/|∇f| along f = 0; n: the surface's normal), g being what a unit of light there brings to the picture. A point of it is drawn by its place on the border. Whoever sees it tells how it moves: the camera, straight or by way of interfaces
+//! (a shot, [`super::aim`]), onto whose film it slides, and vertices of camera paths ([`super::seen_path`]), likewise, each in its own way.
+
+use super::aim::{From, Interfaces};
+use super::cast::Ended;
+use super::cast_sheet::{Met, Sheet};
+use super::ends::{self, Point, Watch};
+use super::grazing_line::seen_on;
+use super::known_chains::KnownChains;
+use super::light_walk::{Vertex, seen};
+use super::seen_path::{self, Path};
+use super::sheet::Partials;
+use super::{Context, Sample};
+use crate::math::discrete::Discrete;
+use crate::math::guide::Numbers;
+use crate::math::rng::Rng;
+use crate::math::{DVec3, Rgb};
+use crate::scene::{Around, Hit, On, Scene};
+use crate::sensor::Sensor;
+use crate::transport::first::{FilmLine, Nth, Seen};
+use crate::transport::ray::MovingRay;
+use crate::transport::shot::{self, Target};
+use crate::transport::velocity::Velocity;
+use rayon::prelude::*;
+
+/// Share of samples that are spread over all curves, whatever light was found there.
+const ANYWHERE: f64 = 0.1;
+
+pub struct Traces {
+    parts: Vec<Part>,
+    table: Discrete,
+    /// Chains that the camera sees by.
+    known: KnownChains,
+    interfaces: Interfaces,
+}
+
+/// A stretch of a border, and between which points its rays end, where they end on one shape.
+struct Part {
+    sheet: usize,
+    s: [f64; 2],
+    ends: Option<[DVec3; 2]>,
+}
+
+/// A point of a curve.
+struct Spot<'a> {
+    sheet: &'a Sheet,
+    /// Where on the border.
+    z: DVec3,
+    hit: Hit,
+    met: Met,
+    medium: Option<u32>,
+    /// ∇f, in space.
+    by_end: DVec3,
+    /// By the light's position or direction.
+    by_light: DVec3,
+    /// Of da per dA across ∇f, times |n·w| for light across its direction; over the density of the place.
+    measure: f64,
+}
+
+impl Spot<'_> {
+    /// `density`: per share of the border.
+    fn new<'a>(scene: &Scene, around: &Around, sheet: &'a Sheet, s: f64, density: f64) -> Option<Spot<'a>> {
+        let hit = sheet.lands(scene, s)?;
+        let met = sheet.met(scene, s)?;
+        let along = sheet.along();
+        let slide = met.slide(scene, sheet.at, hit.p)?;
+        let ([by_end, by_light], [by_along, _]) = (slide.by_ends(met.m), slide.by_ends(along));
+        let measure = sheet.length() * (hit.n.dot(met.w) / hit.n.dot(by_end.cross(by_along))).abs() / density;
+        if !measure.is_finite() {
+            return None;
+        }
+        let before = || scene.medium_past(ends::before(scene, &hit, met.w), -met.w, &sheet.grazed(scene), around);
+        let medium = if scene.media.is_empty() { None } else { before() };
+        Some(Spot { sheet, z: sheet.point(s), hit, met, medium, by_end, by_light, measure })
+    }
+
+    fn vertex(&self) -> Vertex {
+        Vertex { p: self.hit.p, w: self.met.w, medium: self.medium, hit: Some(self.hit) }
+    }
+
+    /// Irradiance across the light's direction where f is above 0, less that where it is below.
+    fn jump(&self, scene: &Scene, aside: f64, unsettled: &mut u64) -> Rgb {
+        let n = self.hit.n;
+        let slope = self.by_end - n * n.dot(self.by_end);
+        let off = slope * (aside / slope.length_squared());
+        let [more, less] = [off, -off].map(|off| {
+            let h = scene.hit_at(self.hit.p + off, self.hit.shape, self.hit.face);
+            self.sheet.arrives(scene, (h.p, On::at(&h), self.medium), unsettled)
+        });
+        more - less
+    }
+
+    /// `<m, ẋ_k - ė>`, the point moving so.
+    fn partials(&self, cx: &mut Context, ended: &Ended, velocity: &Velocity) -> Option<Partials> {
+        let scene = cx.scene;
+        let mut partials = Partials::default();
+        if cx.moving.any() {
+            let slide = self.met.slide(scene, self.sheet.at, self.hit.p);
+            let Some(slid) = slide.and_then(|s| s.velocity(cx.moving, velocity)) else {
+                cx.tally.unsettled += 1;
+                return None;
+            };
+            slid.forms(scene, cx.sensor, self.met.m, |q| partials.push(q));
+            let (shape, face) = self.sheet.border.own();
+            scene.matter(shape, face).forms(self.z, -self.met.m, |q| partials.push(q));
+        }
+        partials.extend(ended.by_light(self.sheet, self.by_light));
+        Some(partials)
+    }
+}
+
+impl Traces {
+    /// `None` where nothing opaque scatters light on, or no sheet ends on it.
+    pub fn prepare(scene: &Scene, sensor: &Sensor, margin: f64, ended: &Ended) -> Option<Traces> {
+        if !scene.shapes.iter().any(|s| {
+            let surface = &scene.surfaces[s.surface as usize];
+            !surface.is_null() && !surface.is_smooth()
+        }) {
+            return None;
+        }
+        let around = scene.around(Some(sensor));
+        let of_sheet = |(k, sheet): (usize, &Sheet)| {
+            let mut parts = Vec::new();
+            for [a, b] in sheet.stretches() {
+                let ends = match [a, b].map(|s| sheet.lands(scene, s)) {
+                    [Some(h), Some(g)] if h.shape == g.shape => Some([h.p, g.p]),
+                    _ => None,
+                };
+                let spot = Spot::new(scene, &around, sheet, 0.5 * (a + b), 1.0 / (b - a));
+                let light = |s: Spot| {
+                    let jump = s.jump(scene, ended.aside(scene), &mut 0);
+                    let sent = s.vertex().scatter(scene, -s.met.w);
+                    if sent.is_zero() { 0.0 } else { jump.abs().max() * s.measure }
+                };
+                let light = spot.map_or(0.0, light);
+                parts.push((Part { sheet: k, s: [a, b], ends }, light, sheet.asked * (b - a) * sheet.length()));
+            }
+            parts
+        };
+        let found: Vec<(Part, f64, f64)> = ended.sheets().par_iter().enumerate().flat_map_iter(of_sheet).collect();
+        let [lit, all] = found.iter().fold([0.0, 0.0], |[a, b], p| [a + p.1, b + p.2]);
+        let share = if lit > 0.0 { ANYWHERE } else { 1.0 };
+        let weight = |p: &(Part, f64, f64)| share * p.2 / all + if lit > 0.0 { (1.0 - share) * p.1 / lit } else { 0.0 };
+        let table = Discrete::new(found.iter().map(weight));
+        let parts: Vec<Part> = found.into_iter().map(|p| p.0).collect();
+        let known = || From::camera(sensor, margin).known_chains(scene);
+        let interfaces = Interfaces::new(scene);
+        (table.total > 0.0).then(|| Traces { parts, table, known: known(), interfaces })
+    }
+
+    /// A point, as v sees it: evenly by angle along its stretch.
+    fn spot<'a>(&self, cx: &Context, ended: &'a Ended, v: Option<DVec3>, u: f64) -> Option<Spot<'a>> {
+        let (k, probability, u) = self.table.sample(u);
+        let part = &self.parts[k];
+        let [a, b] = part.s;
+        let seen = v.zip(part.ends).and_then(|(v, [p, q])| {
+            let (x, per_length) = seen_on(p, q, v, u)?;
+            let length = (q - p).length();
+            Some(((x - p).length() / length, per_length * length))
+        });
+        let (t, density) = seen.unwrap_or((u, 1.0));
+        Spot::new(cx.scene, &cx.around, &ended.sheets()[part.sheet], a + t * (b - a), probability * density / (b - a))
+    }
+
+    /// What the point sends toward d, moving so, and how that depends on slots.
+    fn sent(
+        &self,
+        cx: &mut Context,
+        ended: &Ended,
+        spot: &Spot,
+        d: DVec3,
+        velocity: &Velocity,
+    ) -> Option<(Rgb, Partials)> {
+        let scattered = spot.vertex().scatter(cx.scene, d);
+        if scattered.is_zero() {
+            return None;
+        }
+        let partials = spot.partials(cx, ended, velocity).filter(|p| !p.as_slice().is_empty())?;
+        let flux = spot.jump(cx.scene, ended.aside(cx.scene), &mut cx.tally.unsettled) * scattered * spot.measure;
+        if !flux.is_finite() {
+            cx.tally.nonfinite += 1;
+            return None;
+        }
+        (!flux.is_zero()).then_some((flux, partials))
+    }
+
+    /// As vertices of a camera path see it.
+    pub fn along(&self, cx: &mut Context, ended: &Ended, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        // The path takes the even numbers.
+        let mut stream = Rng::keyed(rng.next_u64(), 0, 0, 0);
+        let path = Path::new(cx, film, *rng);
+        let mut emit = |flux: Rgb, partials: &Partials| {
+            emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
+        };
+        for v in &path.vertices {
+            let found = self.look_straight(cx, ended, &path, v, &mut stream);
+            found.iter().for_each(|(flux, partials)| emit(*flux, partials));
+            let found = self.look_through(cx, ended, &path, v, &mut stream);
+            found.iter().for_each(|(flux, partials)| emit(*flux, partials));
+        }
+    }
+
+    fn look_straight(
+        &self,
+        cx: &mut Context,
+        ended: &Ended,
+        path: &Path,
+        v: &seen_path::Vertex,
+        rng: &mut Rng,
+    ) -> Option<(Rgb, Partials)> {
+        let scene = cx.scene;
+        let spot = self.spot(cx, ended, Some(v.p()), rng.uniform())?;
+        if !is_shown(cx, spot.sheet, v.depth + 1) {
+            return None;
+        }
+        let scatter = v.scatter(scene, (spot.hit.p - v.p()).normalize());
+        if scatter.is_zero() {
+            return None;
+        }
+        let shot = shot::straight(scene, v.p(), &v.place(scene), spot.hit.p, None)?;
+        let velocity = path.watch(cx, v).beyond(cx, &v.point).velocity(cx, &Point::Surface(spot.hit));
+        let (flux, partials) = self.sent(cx, ended, &spot, -shot.w, &velocity)?;
+        Some((flux * v.weight * scatter * shot.weight * (1.0 / shot.spread), partials))
+    }
+
+    fn look_through(
+        &self,
+        cx: &mut Context,
+        ended: &Ended,
+        path: &Path,
+        v: &seen_path::Vertex,
+        rng: &mut Rng,
+    ) -> Option<(Rgb, Partials)> {
+        let scene = cx.scene;
+        let spot = self.spot(cx, ended, None, rng.uniform())?;
+        let (from, target) = (From::vertex(scene, v, &self.interfaces), Target::Point(spot.hit.p));
+        let drawn = from.draw(scene, &target, rng, |_| false)?;
+        let shot = &drawn.shot;
+        let scatter = v.scatter(scene, shot.start.w);
+        if scatter.is_zero() || !is_shown(cx, spot.sheet, v.depth + 1 + shot.chain.len() as u32) {
+            return None;
+        }
+        let velocity = seen_by(cx, MovingRay::leaving(v.p(), shot.start.w, path.velocity(cx, v)), shot, &spot.hit);
+        let (flux, partials) = self.sent(cx, ended, &spot, -shot.w, &velocity)?;
+        let random = |rng: &mut Rng| from.random(scene, rng);
+        let Some(trials) = drawn.trials(scene, &from.eye, &from.place, &target, rng, random) else {
+            cx.tally.missed_boundary += 1;
+            return None;
+        };
+        Some((flux * v.weight * scatter * shot.weight * (trials / shot.spread), partials))
+    }
+
+    /// As the camera sees it, straight and by way of interfaces. `lead`: place on the borders, and the known chain.
+    pub fn outward(
+        &self,
+        cx: &mut Context,
+        ended: &Ended,
+        lead: &Numbers,
+        rng: &mut Rng,
+        emit: &mut dyn FnMut(&Sample),
+    ) {
+        let (scene, sensor) = (cx.scene, cx.sensor);
+        let Some(spot) = self.spot(cx, ended, None, lead[0]) else { return };
+        let mut emit = |film: [f64; 2], flux: Rgb, partials: &Partials| {
+            emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 0.0, outward: 1.0 });
+        };
+        let straight = sensor.project(spot.hit.p).filter(|q| cx.on_film(q.film) && is_shown(cx, spot.sheet, 0));
+        if let Some(q) = straight {
+            let point = Point::Surface(spot.hit);
+            let z = spot.vertex();
+            let share = z.scatter(scene, -q.w);
+            if let Some(f) = seen(cx, &z, &q) {
+                let velocity = Watch::itself(cx, &q, &point).velocity(cx, &point);
+                if let Some((flux, partials)) = self.sent(cx, ended, &spot, -q.w, &velocity) {
+                    let way = Rgb::from_fn(|c| if share[c] == 0.0 { 0.0 } else { f[c] / share[c] });
+                    emit(q.film, flux * way, &partials);
+                }
+            }
+        }
+
+        let (from, share) = (From::camera(sensor, cx.margin), self.known.share);
+        let chain = (lead[1] < share).then(|| self.known.choose(lead[1] / share));
+        let Some(aimed) = from.to_point(cx, &self.known, (spot.hit.p, chain), rng) else { return };
+        let shot = aimed.shot();
+        if !is_shown(cx, spot.sheet, shot.chain.len() as u32) {
+            return;
+        }
+        let Some(q) = sensor.project(shot.start.o + shot.start.w).filter(|q| cx.on_film(q.film)) else { return };
+        let velocity = seen_by(cx, cx.moving.film_ray().clone(), shot, &spot.hit);
+        let Some((flux, partials)) = self.sent(cx, ended, &spot, -shot.w, &velocity) else { return };
+        match aimed.trials(scene, &from, &Target::Point(spot.hit.p), rng) {
+            Some(trials) => emit(q.film, flux * shot.weight * (q.pixels_per_area * trials / shot.spread), &partials),
+            None => cx.tally.missed_boundary += 1,
+        }
+    }
+}
+
+/// Whether the picture shows light of a sheet that is scattered on its surface and has `more` scatterings after that.
+fn is_shown(cx: &Context, sheet: &Sheet, more: u32) -> bool {
+    let order = sheet.links.len() as u32 + 1 + more;
+    order >= cx.set.min_order && order < cx.set.max_depth
+}
+
+/// How a point of a surface moves that a ray, leaving so, meets by way of a shot's interfaces.
+fn seen_by(cx: &Context, mut ray: MovingRay, shot: &shot::Shot, hit: &Hit) -> Velocity {
+    let (scene, moving) = (cx.scene, cx.moving);
+    for met in &shot.chain {
+        ray = FilmLine { scene, moving, ray: &ray }.behind(met);
+    }
+    let first = FilmLine { scene, moving, ray: &ray }.first(&Seen::Surface { hit: *hit, w: shot.w });
+    Watch::of(first, Nth::First).velocity(cx, &Point::Surface(*hit))
+}
