@@ -26,11 +26,12 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::params::{Partial, Slot};
 use crate::phase::one_minus_cos;
-use crate::scene::chains::has_flat_faces;
+use crate::scene::chains::{Link, has_flat_faces};
 use crate::scene::{Instance, On, Scene, effort};
 use crate::sensor::Sensor;
 use crate::shape::{Geometry, Shape, TriangleMesh};
 use crate::transport::Tally;
+use crate::transport::motion::Moving;
 
 /// How far from the border on either side light is asked for, in scene radii: Embree's f32 rays must tell which face is met.
 const ASIDE: f64 = 1e-5;
@@ -51,22 +52,40 @@ pub struct Ended {
     sheets: Vec<Sheet>,
     /// Of each light the slot of its position or direction, where that moves.
     slots: Vec<Option<Slot>>,
+    /// Of each sheet whether it moves by itself, and not only as others see it.
+    moves: Vec<bool>,
 }
 
 impl Ended {
-    pub fn sheets(&self) -> &[Sheet] {
-        &self.sheets
+    fn new(scene: &Scene, moving: &Moving, sheets: Vec<Sheet>, slots: Vec<Option<Slot>>) -> Ended {
+        let turns = |l: &Link| {
+            let shape = scene.chains.faces[l.face as usize].shape;
+            moving.moves(shape) || moving.refracts(scene.shapes[shape as usize].surface as usize)
+        };
+        let own = |s: &Sheet| {
+            slots[s.light as usize].is_some() || moving.moves(s.border.own().0) || s.links.iter().any(turns)
+        };
+        let moves = sheets.iter().map(own).collect();
+        Ended { sheets, slots, moves }
     }
 
-    /// How far from the border on either side light is asked for.
-    pub fn aside(&self, scene: &Scene) -> f64 {
-        ASIDE * scene.bounds.radius()
+    pub fn moves(&self, sheet: usize) -> bool {
+        self.moves[sheet]
+    }
+
+    pub fn sheets(&self) -> &[Sheet] {
+        &self.sheets
     }
 
     /// What the light's own motion adds to a sheet's.
     pub fn by_light(&self, sheet: &Sheet, v: DVec3) -> Option<Partial> {
         self.slots[sheet.light as usize].map(|slot| Partial { slot, v, len: 3 })
     }
+}
+
+/// How far from the border on either side light is asked for.
+pub fn aside(scene: &Scene) -> f64 {
+    ASIDE * scene.bounds.radius()
 }
 
 /// Whether all of them are known where something moves: whatever casts shadows has straight borders, and no border of a medium alone moves.
@@ -150,7 +169,7 @@ impl Casts {
         let bodies = Bodies::new(scene);
         let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, &bodies, id as u32)).collect();
         sheets.sort_by(|a, b| b.asked.total_cmp(&a.asked));
-        let ended = Ended { sheets, slots };
+        let ended = Ended::new(scene, &motion.moving, sheets, slots);
         let traces = Traces::prepare(scene, sensor, margin, &ended);
         (!ended.sheets.is_empty()).then_some(Casts { ended, bodies, traces })
     }
@@ -218,16 +237,16 @@ impl Casts {
         for (s, t) in sheet.crossings(scene, span.o, span.w, [span.t0, span.t1]) {
             effort::note(4);
             let p = span.o + span.w * t;
-            let met = sheet.met(scene, s);
-            let slide = met.as_ref().and_then(|m| m.slide(scene, sheet.at, p));
-            let (Some(met), Some(slide)) = (&met, slide) else {
+            // Where the planes before the border are not met in turn no light comes.
+            let Some(met) = sheet.met(scene, s) else { continue };
+            let Some(slide) = met.slide(scene, sheet.at, p) else {
                 tally.unsettled += 1;
                 continue;
             };
             let m = met.m;
             let [by_end, by_light] = slide.by_ends(m);
             let slope = by_end.dot(span.w);
-            let off = by_end * (self.ended.aside(scene) / by_end.length_squared());
+            let off = by_end * (aside(scene) / by_end.length_squared());
             let at = |y: DVec3| (y, On::default(), Some(span.medium));
             let sides = [p + off, p - off].map(|y| sheet.arrives(scene, at(y), &mut tally.unsettled));
             let medium = &scene.media[span.medium as usize];

@@ -300,12 +300,13 @@ impl Sheet {
         grazed
     }
 
-    /// Where the ray by a place of the border ends on something that scatters. Not what the border stands on: the border itself is seen there.
-    pub fn lands(&self, scene: &Scene, s: f64) -> Option<Hit> {
+    /// Where the ray by a place of the border ends on something that scatters, and its direction. Not what the border stands on: the border itself is seen there.
+    pub fn lands(&self, scene: &Scene, s: f64) -> Option<(Hit, DVec3)> {
         let ray = self.ray(scene, s)?;
         let hit = scene.opaque_past(ray.o, ray.w, f64::INFINITY, &self.grazed(scene))?;
         let from_border = (hit.p - self.point(s)).length();
-        (!scene.surface_of(hit.shape).is_smooth() && from_border > ends::contact(scene)).then_some(hit)
+        let scatters = !scene.surface_of(hit.shape).is_smooth();
+        (scatters && from_border > ends::contact(scene)).then_some((hit, ray.w))
     }
 
     fn from(&self, scene: &Scene) -> Option<Origin<f64>> {

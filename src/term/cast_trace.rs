@@ -10,7 +10,7 @@
 //! (a shot, [`super::aim`]), onto whose film it slides, and vertices of camera paths ([`super::seen_path`]), likewise, each in its own way.
 
 use super::aim::{From, Interfaces};
-use super::cast::Ended;
+use super::cast::{Ended, aside};
 use super::cast_sheet::{Met, Sheet};
 use super::ends::{self, Point, Watch};
 use super::grazing_line::seen_on;
@@ -29,10 +29,15 @@ use crate::transport::first::{FilmLine, Nth, Seen};
 use crate::transport::ray::MovingRay;
 use crate::transport::shot::{self, Target};
 use crate::transport::velocity::Velocity;
+use crate::transport::way_motion::Slide;
 use rayon::prelude::*;
+use std::cell::OnceCell;
 
 /// Share of samples that are spread over all curves, whatever light was found there.
 const ANYWHERE: f64 = 0.1;
+
+/// How often curves are looked at that move only as others see them.
+const STILL: f64 = 0.2;
 
 pub struct Traces {
     parts: Vec<Part>,
@@ -52,67 +57,78 @@ struct Part {
 /// A point of a curve.
 struct Spot<'a> {
     sheet: &'a Sheet,
-    /// Where on the border.
-    z: DVec3,
+    /// Whether that moves by itself.
+    moves: bool,
+    /// Share of the border, and the density of that.
+    s: f64,
+    density: f64,
     hit: Hit,
-    met: Met,
+    /// Direction of the light.
+    w: DVec3,
     medium: Option<u32>,
-    /// ∇f, in space.
-    by_end: DVec3,
-    /// By the light's position or direction.
+    jump: OnceCell<Option<Jump>>,
+}
+
+/// What jumps at a point of a curve.
+struct Jump {
+    met: Met,
+    /// By the light's position or direction, of f.
     by_light: DVec3,
-    /// Of da per dA across ∇f, times |n·w| for light across its direction; over the density of the place.
-    measure: f64,
+    /// Irradiance across the light's direction where f is above 0, less that where it is below, times da / |n·(∇f × ∇a)| |n·w|, over the density of the place.
+    light: Rgb,
 }
 
 impl Spot<'_> {
-    /// `density`: per share of the border.
-    fn new<'a>(scene: &Scene, around: &Around, sheet: &'a Sheet, s: f64, density: f64) -> Option<Spot<'a>> {
-        let hit = sheet.lands(scene, s)?;
-        let met = sheet.met(scene, s)?;
-        let along = sheet.along();
-        let slide = met.slide(scene, sheet.at, hit.p)?;
-        let ([by_end, by_light], [by_along, _]) = (slide.by_ends(met.m), slide.by_ends(along));
-        let measure = sheet.length() * (hit.n.dot(met.w) / hit.n.dot(by_end.cross(by_along))).abs() / density;
-        if !measure.is_finite() {
-            return None;
-        }
-        let before = || scene.medium_past(ends::before(scene, &hit, met.w), -met.w, &sheet.grazed(scene), around);
+    fn new<'a>(scene: &Scene, around: &Around, ended: &'a Ended, k: usize, s: f64, density: f64) -> Option<Spot<'a>> {
+        let (sheet, moves) = (&ended.sheets()[k], ended.moves(k));
+        let (hit, w) = sheet.lands(scene, s)?;
+        let before = || scene.medium_past(ends::before(scene, &hit, w), -w, &sheet.grazed(scene), around);
         let medium = if scene.media.is_empty() { None } else { before() };
-        Some(Spot { sheet, z: sheet.point(s), hit, met, medium, by_end, by_light, measure })
+        Some(Spot { sheet, moves, s, density, hit, w, medium, jump: OnceCell::new() })
     }
 
     fn vertex(&self) -> Vertex {
-        Vertex { p: self.hit.p, w: self.met.w, medium: self.medium, hit: Some(self.hit) }
+        Vertex { p: self.hit.p, w: self.w, medium: self.medium, hit: Some(self.hit) }
     }
 
-    /// Irradiance across the light's direction where f is above 0, less that where it is below.
-    fn jump(&self, scene: &Scene, aside: f64, unsettled: &mut u64) -> Rgb {
-        let n = self.hit.n;
-        let slope = self.by_end - n * n.dot(self.by_end);
-        let off = slope * (aside / slope.length_squared());
+    fn slide<'s>(&self, scene: &'s Scene, met: &'s Met) -> Option<Slide<'s>> {
+        met.slide(scene, self.sheet.at, self.hit.p)
+    }
+
+    fn jump(&self, scene: &Scene, unsettled: &mut u64) -> Option<&Jump> {
+        self.jump.get_or_init(|| self.found_jump(scene, unsettled)).as_ref()
+    }
+
+    fn found_jump(&self, scene: &Scene, unsettled: &mut u64) -> Option<Jump> {
+        let (sheet, n) = (self.sheet, self.hit.n);
+        let met = sheet.met(scene, self.s)?;
+        let slide = self.slide(scene, &met)?;
+        let ([by_end, by_light], [by_along, _]) = (slide.by_ends(met.m), slide.by_ends(sheet.along()));
+        let slope = by_end - n * n.dot(by_end);
+        let off = slope * (aside(scene) / slope.length_squared());
         let [more, less] = [off, -off].map(|off| {
             let h = scene.hit_at(self.hit.p + off, self.hit.shape, self.hit.face);
-            self.sheet.arrives(scene, (h.p, On::at(&h), self.medium), unsettled)
+            sheet.arrives(scene, (h.p, On::at(&h), self.medium), unsettled)
         });
-        more - less
+        let measure = sheet.length() * (n.dot(self.w) / n.dot(by_end.cross(by_along))).abs() / self.density;
+        let light = (more - less) * measure;
+        (light.is_finite() && !light.is_zero()).then_some(Jump { met, by_light, light })
     }
 
     /// `<m, ẋ_k - ė>`, the point moving so.
-    fn partials(&self, cx: &mut Context, ended: &Ended, velocity: &Velocity) -> Option<Partials> {
-        let scene = cx.scene;
+    fn partials(&self, cx: &mut Context, ended: &Ended, jump: &Jump, velocity: &Velocity) -> Option<Partials> {
+        let (scene, m) = (cx.scene, jump.met.m);
         let mut partials = Partials::default();
         if cx.moving.any() {
-            let slide = self.met.slide(scene, self.sheet.at, self.hit.p);
-            let Some(slid) = slide.and_then(|s| s.velocity(cx.moving, velocity)) else {
+            let Some(slid) = self.slide(scene, &jump.met).and_then(|s| s.velocity(cx.moving, velocity)) else {
                 cx.tally.unsettled += 1;
                 return None;
             };
-            slid.forms(scene, cx.sensor, self.met.m, |q| partials.push(q));
+            slid.forms(scene, cx.sensor, m, |q| partials.push(q));
             let (shape, face) = self.sheet.border.own();
-            scene.matter(shape, face).forms(self.z, -self.met.m, |q| partials.push(q));
+            scene.matter(shape, face).forms(self.sheet.point(self.s), -m, |q| partials.push(q));
         }
-        partials.extend(ended.by_light(self.sheet, self.by_light));
+        partials.extend(ended.by_light(self.sheet, jump.by_light));
         Some(partials)
     }
 }
@@ -131,16 +147,13 @@ impl Traces {
             let mut parts = Vec::new();
             for [a, b] in sheet.stretches() {
                 let ends = match [a, b].map(|s| sheet.lands(scene, s)) {
-                    [Some(h), Some(g)] if h.shape == g.shape => Some([h.p, g.p]),
+                    [Some((h, _)), Some((g, _))] if h.shape == g.shape => Some([h.p, g.p]),
                     _ => None,
                 };
-                let spot = Spot::new(scene, &around, sheet, 0.5 * (a + b), 1.0 / (b - a));
-                let light = |s: Spot| {
-                    let jump = s.jump(scene, ended.aside(scene), &mut 0);
-                    let sent = s.vertex().scatter(scene, -s.met.w);
-                    if sent.is_zero() { 0.0 } else { jump.abs().max() * s.measure }
-                };
-                let light = spot.map_or(0.0, light);
+                let spot = Spot::new(scene, &around, ended, k, 0.5 * (a + b), 1.0 / (b - a));
+                let scatters = |s: &Spot| !s.vertex().scatter(scene, -s.w).is_zero();
+                let light = |s: Spot| s.jump(scene, &mut 0).map_or(0.0, |j| j.light.abs().max());
+                let light = spot.filter(scatters).map_or(0.0, light) * if ended.moves(k) { 1.0 } else { STILL };
                 parts.push((Part { sheet: k, s: [a, b], ends }, light, sheet.asked * (b - a) * sheet.length()));
             }
             parts
@@ -167,7 +180,7 @@ impl Traces {
             Some(((x - p).length() / length, per_length * length))
         });
         let (t, density) = seen.unwrap_or((u, 1.0));
-        Spot::new(cx.scene, &cx.around, &ended.sheets()[part.sheet], a + t * (b - a), probability * density / (b - a))
+        Spot::new(cx.scene, &cx.around, ended, part.sheet, a + t * (b - a), probability * density / (b - a))
     }
 
     /// What the point sends toward d, moving so, and how that depends on slots.
@@ -180,16 +193,12 @@ impl Traces {
         velocity: &Velocity,
     ) -> Option<(Rgb, Partials)> {
         let scattered = spot.vertex().scatter(cx.scene, d);
-        if scattered.is_zero() {
+        if scattered.is_zero() || !spot.moves && velocity.is_zero() {
             return None;
         }
-        let partials = spot.partials(cx, ended, velocity).filter(|p| !p.as_slice().is_empty())?;
-        let flux = spot.jump(cx.scene, ended.aside(cx.scene), &mut cx.tally.unsettled) * scattered * spot.measure;
-        if !flux.is_finite() {
-            cx.tally.nonfinite += 1;
-            return None;
-        }
-        (!flux.is_zero()).then_some((flux, partials))
+        let jump = spot.jump(cx.scene, &mut cx.tally.unsettled)?;
+        let partials = spot.partials(cx, ended, jump, velocity).filter(|p| !p.as_slice().is_empty())?;
+        Some((jump.light * scattered, partials))
     }
 
     /// As vertices of a camera path see it.

@@ -45,6 +45,7 @@ mod scenes;
 mod stress;
 mod techniques;
 mod temperature;
+mod traces;
 mod upright;
 mod vdb;
 mod vertices;
