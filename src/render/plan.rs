@@ -358,7 +358,7 @@ impl Plan {
             };
             let matter = motion.opaque || motion.area_light || motion.camera;
             let light = motion.zero_measure_light || motion.profile;
-            // By way of flat faces all light of lights without extent is known, where they are parallel and nothing casts shadows: `term::panes` sees to that.
+            // By way of flat faces all light of lights without extent is known, where they are parallel and nothing casts shadows (`term::panes` sees to that), or all shadows have straight borders (`term::cast`).
             let turns = motion.camera || motion.ior || motion.interface;
             let moved = motion.opaque || motion.area_light;
             let known = (facts.only_panes && !moved || facts.only_straight)
@@ -402,7 +402,7 @@ impl Plan {
                 && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface))
             {
                 let why = "what moves may be seen or lit by way of an interface";
-                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or only rectangles, cubes and convex meshes, where nothing opaque is";
+                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or of glass only cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of flat faces";
                 miss(Term::S, why, zero_measure(&parts).map(|l| Cause::of_light(l, remedy)));
             }
             let turns = motion.ior || motion.interface || motion.beam;

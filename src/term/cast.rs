@@ -13,9 +13,9 @@
 //!
 //! Where two faces in turn share an edge, light passes both at one point of it: such a border is the first one's alone.
 
-use super::cast_sheet::{Bodies, Sheet, count, of_light};
+use super::cast_sheet::{self, Bodies, Sheet, count, of_light};
 use super::cast_trace::Traces;
-use super::interfaces::FACETS;
+use super::interfaces::{self, FACETS};
 use super::sheet::Partials;
 use super::spans::{self, Bare, Moves, Walked};
 use super::{Context, LightMotion, Motion, Sample};
@@ -114,7 +114,7 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
 }
 
 /// What would make borders more than can be told: to be asked where they are known ([`are_known`]).
-pub fn check(scene: &Scene) -> Result<()> {
+pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     let is_smooth = |s: &&Instance| scene.surfaces[s.surface as usize].is_smooth();
     let smooth: Vec<&Instance> = scene.shapes.iter().filter(is_smooth).collect();
     for (i, a) in smooth.iter().enumerate() {
@@ -126,6 +126,28 @@ pub fn check(scene: &Scene) -> Result<()> {
             let remedy = "keep them apart, so that the boxes around them (along the axes) do not meet; one within another cannot be differentiated yet";
             return Err(Error::scene(&b.span, what, remedy));
         }
+    }
+    let is_smooth = |k: u32| scene.surface_of(k).is_smooth();
+    if let Some(&(a, b)) = motion.crossed.iter().find(|&&(a, b)| is_smooth(a) || is_smooth(b)) {
+        let [a, b] = [a, b].map(|k| &scene.shapes[k as usize]);
+        let what = format!(
+            "the shapes `{}` and `{}` pass through each other, one of which mirrors or refracts: where light without extent ends there cannot be told yet",
+            a.name, b.name
+        );
+        return Err(Error::scene(&a.span, what, "keep them apart"));
+    }
+    interfaces::contacts(scene, motion)?;
+    if let Some((a, b)) = cast_sheet::overlapping(scene, |a, b| motion.class(a) != motion.class(b)) {
+        let [a, b] = [a, b].map(|k| &scene.shapes[k as usize]);
+        let what = format!(
+            "edges of `{}` and `{}` lie on each other in part, or move apart, beside glass or mirrors: the shadow that they cast in light without extent cannot be told yet",
+            a.name, b.name
+        );
+        return Err(Error::scene(
+            &b.span,
+            what,
+            "leave a gap between them (a ten-thousandth of their size is enough), or let whole edges meet",
+        ));
     }
     let bodies = Bodies::new(scene);
     let delta = (0..scene.lights.len() as u32).filter(|&id| scene.lights[id as usize].is_delta());
@@ -238,7 +260,7 @@ impl Casts {
             effort::note(4);
             let p = span.o + span.w * t;
             // Where the planes before the border are not met in turn no light comes.
-            let Some(met) = sheet.met(scene, s) else { continue };
+            let Some(met) = sheet.met(scene, s, &mut tally.unsettled) else { continue };
             let Some(slide) = met.slide(scene, sheet.at, p) else {
                 tally.unsettled += 1;
                 continue;

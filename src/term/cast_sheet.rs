@@ -48,7 +48,10 @@ pub struct Sheet {
     pieces: Vec<Vec<(f64, Ray)>>,
 }
 
-/// An edge of one face or two of a shape, of what is smooth or opaque.
+/// What a ray begins on: shapes, and faces of them.
+pub type Grazed = SmallVec<[(u32, Vec<u32>); 2]>;
+
+/// An edge of what is smooth or opaque, and its faces.
 #[derive(Clone, Debug)]
 pub struct Border {
     ends: [DVec3; 2],
@@ -208,6 +211,29 @@ fn ends_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<[DVec3; 2]> {
     edges(face).filter(counts).collect()
 }
 
+/// Two opaque shapes with edges that lie on each other in part only, or all along though they are `apart`: shapes that move differently.
+pub fn overlapping(scene: &Scene, apart: impl Fn(u32, u32) -> bool) -> Option<(u32, u32)> {
+    let borders: Vec<Border> =
+        borders(scene).into_iter().filter(|b| !scene.surface_of(b.own().0).is_smooth()).collect();
+    let slack = ends::contact(scene);
+    let shared = |b: &Border| b.faces.iter().map(|f| f.0).find(|&k| apart(b.own().0, k)).map(|k| (b.own().0, k));
+    if let Some(pair) = borders.iter().find_map(shared) {
+        return Some(pair);
+    }
+    let lie_on = |[a, b]: [DVec3; 2], [p, q]: [DVec3; 2]| {
+        let length = (b - a).length();
+        let w = (b - a) / length;
+        let along = |x: DVec3| (x - a).dot(w);
+        let is_off = |x: DVec3| (x - a - w * along(x)).length() > slack;
+        let (lo, hi) = (along(p).min(along(q)), along(p).max(along(q)));
+        !is_off(p) && !is_off(q) && hi.min(length) - lo.max(0.0) > slack
+    };
+    borders.iter().enumerate().find_map(|(k, a)| {
+        let of_others = borders[k + 1..].iter().filter(|b| b.own().0 != a.own().0);
+        of_others.into_iter().find(|b| lie_on(a.ends, b.ends)).map(|b| (a.own().0, b.own().0))
+    })
+}
+
 /// How many sheets a light has at most.
 pub fn count(scene: &Scene, bodies: &Bodies, id: u32) -> usize {
     let borders = borders(scene).len();
@@ -218,13 +244,14 @@ fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {
     border(face.corners())
 }
 
-/// All edges of what is smooth or opaque, each once, but those within a plane.
-fn borders(scene: &Scene) -> Vec<Border> {
+/// All edges of what is smooth or opaque, each once (those that opaque shapes share, too), but those within a plane.
+pub fn borders(scene: &Scene) -> Vec<Border> {
     let mut found: Vec<Border> = Vec::new();
     let mut first = 0;
     let mut add = |shape: u32, face: u32, corners: &[DVec3]| {
-        // Faces come shape by shape.
-        if found.last().is_some_and(|b| b.own().0 != shape) {
+        // Faces come shape by shape, opaque ones last.
+        let is_new = |b: &Border| b.own().0 != shape && scene.surface_of(b.own().0).is_smooth();
+        if found.last().is_some_and(is_new) {
             first = found.len();
         }
         for (ends, (_, into)) in border(corners).zip(sides(corners)) {
@@ -287,11 +314,12 @@ impl Sheet {
         self.pieces.iter().flat_map(|p| p.windows(2).map(|w| [w[0].0, w[1].0])).filter(|[a, b]| b > a)
     }
 
-    /// What its rays begin on: the border's faces, and the last one that they meet.
-    pub fn grazed(&self, scene: &Scene) -> SmallVec<[(u32, Vec<u32>); 2]> {
-        let mut grazed: SmallVec<[(u32, Vec<u32>); 2]> = SmallVec::new();
+    /// What its ray by a place of the border begins on, at o: the last face that it meets, and those of the border where that is there.
+    fn grazed(&self, scene: &Scene, s: f64, o: DVec3) -> Grazed {
+        let mut grazed = Grazed::new();
         let last = self.links.last().map(|l| &scene.chains.faces[l.face as usize]).map(|f| (f.shape, f.face));
-        for (shape, face) in self.border.faces.iter().copied().chain(last) {
+        let own = (o - self.point(s)).length() <= ends::contact(scene);
+        for (shape, face) in self.border.faces.iter().copied().filter(|_| own).chain(last) {
             match grazed.iter_mut().find(|g| g.0 == shape) {
                 Some(known) => known.1.push(face),
                 None => grazed.push((shape, vec![face])),
@@ -300,21 +328,22 @@ impl Sheet {
         grazed
     }
 
-    /// Where the ray by a place of the border ends on something that scatters, and its direction. Not what the border stands on: the border itself is seen there.
-    pub fn lands(&self, scene: &Scene, s: f64) -> Option<(Hit, DVec3)> {
-        let ray = self.ray(scene, s)?;
-        let hit = scene.opaque_past(ray.o, ray.w, f64::INFINITY, &self.grazed(scene))?;
-        let from_border = (hit.p - self.point(s)).length();
+    /// Where the ray by a place of the border ends on something that scatters, its direction, and what it begins on. Not what the border stands on: the border itself is seen there.
+    pub fn lands(&self, scene: &Scene, s: f64, unsettled: &mut u64) -> Option<(Hit, DVec3, Grazed)> {
+        let z = self.point(s);
+        let ray = self.leaves(scene, z, self.comes(scene, z, unsettled)?)?.1;
+        let grazed = self.grazed(scene, s, ray.o);
+        let hit = scene.opaque_past(ray.o, ray.w, f64::INFINITY, &grazed)?;
         let scatters = !scene.surface_of(hit.shape).is_smooth();
-        (scatters && from_border > ends::contact(scene)).then_some((hit, ray.w))
+        (scatters && (hit.p - z).length() > ends::contact(scene)).then_some((hit, ray.w, grazed))
     }
 
     fn from(&self, scene: &Scene) -> Option<Origin<f64>> {
         scene.lights[self.light as usize].origin()
     }
 
-    /// The direction of light at the point z of the border.
-    fn comes(&self, scene: &Scene, z: DVec3) -> Option<DVec3> {
+    /// The direction of light at the point z of the border. Searches that do not settle are counted.
+    fn comes(&self, scene: &Scene, z: DVec3, unsettled: &mut u64) -> Option<DVec3> {
         let from = self.from(scene)?;
         if self.at == 0 {
             return match from {
@@ -324,7 +353,11 @@ impl Sheet {
         }
         match chain::arrival(scene, &self.links[..self.at], from, z, false) {
             fermat::Way::Found(w) => Some(w),
-            fermat::Way::None | fermat::Way::Lost => None,
+            fermat::Way::None => None,
+            fermat::Way::Lost => {
+                *unsettled += 1;
+                None
+            }
         }
     }
 
@@ -352,13 +385,13 @@ impl Sheet {
 
     fn ray(&self, scene: &Scene, s: f64) -> Option<Ray> {
         let z = self.point(s);
-        Some(self.leaves(scene, z, self.comes(scene, z)?)?.1)
+        Some(self.leaves(scene, z, self.comes(scene, z, &mut 0)?)?.1)
     }
 
     /// A ray, and how far within their faces all is that it meets but the border: none of them below 0, or no light comes.
     fn known(&self, scene: &Scene, s: f64) -> Option<(Ray, Margins)> {
         let z = self.point(s);
-        let comes = self.comes(scene, z)?;
+        let comes = self.comes(scene, z, &mut 0)?;
         let (_, before, _) = chain::steps(scene, &self.links[..self.at], (z, comes), false)?;
         let (behind, ray) = self.leaves(scene, z, comes)?;
         let faces = |links: &[Link]| links.iter().map(|l| &scene.chains.faces[l.face as usize]).collect::<Vec<_>>();
@@ -467,10 +500,10 @@ impl Sheet {
         found
     }
 
-    /// The way by a place of the border.
-    pub fn met(&self, scene: &Scene, s: f64) -> Option<Met> {
+    /// The way by a place of the border; `None` where its planes are not met in turn. Searches that do not settle are counted.
+    pub fn met(&self, scene: &Scene, s: f64, unsettled: &mut u64) -> Option<Met> {
         let z = self.point(s);
-        let comes = self.comes(scene, z)?;
+        let comes = self.comes(scene, z, unsettled)?;
         let (before, points, _) = chain::steps(scene, &self.links[..self.at], (z, comes), false)?;
         let (behind, ray) = self.leaves(scene, z, comes)?;
         let along = self.along();

@@ -15,7 +15,7 @@ use super::cast_sheet::{Met, Sheet};
 use super::ends::{self, Point, Watch};
 use super::grazing_line::seen_on;
 use super::known_chains::KnownChains;
-use super::light_walk::{Vertex, seen};
+use super::light_walk::Vertex;
 use super::seen_path::{self, Path};
 use super::sheet::Partials;
 use super::{Context, Sample};
@@ -27,7 +27,7 @@ use crate::scene::{Around, Hit, On, Scene};
 use crate::sensor::Sensor;
 use crate::transport::first::{FilmLine, Nth, Seen};
 use crate::transport::ray::MovingRay;
-use crate::transport::shot::{self, Target};
+use crate::transport::shot::{self, Place, Target};
 use crate::transport::velocity::Velocity;
 use crate::transport::way_motion::Slide;
 use rayon::prelude::*;
@@ -36,6 +36,8 @@ use std::cell::OnceCell;
 /// Share of samples that are spread over all curves, whatever light was found there.
 const ANYWHERE: f64 = 0.1;
 
+/// How far from a curve light is asked for at most, in scene radii.
+const FARTHEST: f64 = 1e-3;
 /// How often curves are looked at that move only as others see them.
 const STILL: f64 = 0.2;
 
@@ -74,15 +76,22 @@ struct Jump {
     met: Met,
     /// By the light's position or direction, of f.
     by_light: DVec3,
-    /// Irradiance across the light's direction where f is above 0, less that where it is below, times da / |n·(∇f × ∇a)| |n·w|, over the density of the place.
+    /// Irradiance across the light's direction where f is above 0, less that where it is below, times da |n·w| / |n·(∇f × ∇a)|, over the density of the place.
     light: Rgb,
 }
 
 impl Spot<'_> {
-    fn new<'a>(scene: &Scene, around: &Around, ended: &'a Ended, k: usize, s: f64, density: f64) -> Option<Spot<'a>> {
+    fn new<'a>(
+        scene: &Scene,
+        around: &Around,
+        (ended, k): (&'a Ended, usize),
+        s: f64,
+        density: f64,
+        unsettled: &mut u64,
+    ) -> Option<Spot<'a>> {
         let (sheet, moves) = (&ended.sheets()[k], ended.moves(k));
-        let (hit, w) = sheet.lands(scene, s)?;
-        let before = || scene.medium_past(ends::before(scene, &hit, w), -w, &sheet.grazed(scene), around);
+        let (hit, w, grazed) = sheet.lands(scene, s, unsettled)?;
+        let before = || scene.medium_past(ends::before(scene, &hit, w), -w, &grazed, around);
         let medium = if scene.media.is_empty() { None } else { before() };
         Some(Spot { sheet, moves, s, density, hit, w, medium, jump: OnceCell::new() })
     }
@@ -101,16 +110,17 @@ impl Spot<'_> {
 
     fn found_jump(&self, scene: &Scene, unsettled: &mut u64) -> Option<Jump> {
         let (sheet, n) = (self.sheet, self.hit.n);
-        let met = sheet.met(scene, self.s)?;
+        let met = sheet.met(scene, self.s, unsettled)?;
         let slide = self.slide(scene, &met)?;
         let ([by_end, by_light], [by_along, _]) = (slide.by_ends(met.m), slide.by_ends(sheet.along()));
         let slope = by_end - n * n.dot(by_end);
-        let off = slope * (aside(scene) / slope.length_squared());
+        let off = slope.normalize_or_zero() * (aside(scene) / slope.length()).min(FARTHEST * scene.bounds.radius());
         let [more, less] = [off, -off].map(|off| {
             let h = scene.hit_at(self.hit.p + off, self.hit.shape, self.hit.face);
             sheet.arrives(scene, (h.p, On::at(&h), self.medium), unsettled)
         });
-        let measure = sheet.length() * (n.dot(self.w) / n.dot(by_end.cross(by_along))).abs() / self.density;
+        // Both gradients are across w.
+        let measure = sheet.length() / (by_end.cross(by_along).length() * self.density);
         let light = (more - less) * measure;
         (light.is_finite() && !light.is_zero()).then_some(Jump { met, by_light, light })
     }
@@ -134,7 +144,7 @@ impl Spot<'_> {
 }
 
 impl Traces {
-    /// `None` where nothing opaque scatters light on, or no sheet ends on it.
+    /// `None` where there are no sheets, or nothing opaque.
     pub fn prepare(scene: &Scene, sensor: &Sensor, margin: f64, ended: &Ended) -> Option<Traces> {
         if !scene.shapes.iter().any(|s| {
             let surface = &scene.surfaces[s.surface as usize];
@@ -146,11 +156,11 @@ impl Traces {
         let of_sheet = |(k, sheet): (usize, &Sheet)| {
             let mut parts = Vec::new();
             for [a, b] in sheet.stretches() {
-                let ends = match [a, b].map(|s| sheet.lands(scene, s)) {
-                    [Some((h, _)), Some((g, _))] if h.shape == g.shape => Some([h.p, g.p]),
+                let ends = match [a, b].map(|s| sheet.lands(scene, s, &mut 0)) {
+                    [Some((h, ..)), Some((g, ..))] if h.shape == g.shape => Some([h.p, g.p]),
                     _ => None,
                 };
-                let spot = Spot::new(scene, &around, ended, k, 0.5 * (a + b), 1.0 / (b - a));
+                let spot = Spot::new(scene, &around, (ended, k), 0.5 * (a + b), 1.0 / (b - a), &mut 0);
                 let scatters = |s: &Spot| !s.vertex().scatter(scene, -s.w).is_zero();
                 let light = |s: Spot| s.jump(scene, &mut 0).map_or(0.0, |j| j.light.abs().max());
                 let light = spot.filter(scatters).map_or(0.0, light) * if ended.moves(k) { 1.0 } else { STILL };
@@ -164,13 +174,14 @@ impl Traces {
         let weight = |p: &(Part, f64, f64)| share * p.2 / all + if lit > 0.0 { (1.0 - share) * p.1 / lit } else { 0.0 };
         let table = Discrete::new(found.iter().map(weight));
         let parts: Vec<Part> = found.into_iter().map(|p| p.0).collect();
-        let known = || From::camera(sensor, margin).known_chains(scene);
-        let interfaces = Interfaces::new(scene);
-        (table.total > 0.0).then(|| Traces { parts, table, known: known(), interfaces })
+        (table.total > 0.0).then(|| {
+            let known = From::camera(sensor, margin).known_chains(scene);
+            Traces { parts, table, known, interfaces: Interfaces::new(scene) }
+        })
     }
 
     /// A point, as v sees it: evenly by angle along its stretch.
-    fn spot<'a>(&self, cx: &Context, ended: &'a Ended, v: Option<DVec3>, u: f64) -> Option<Spot<'a>> {
+    fn spot<'a>(&self, cx: &mut Context, ended: &'a Ended, v: Option<DVec3>, u: f64) -> Option<Spot<'a>> {
         let (k, probability, u) = self.table.sample(u);
         let part = &self.parts[k];
         let [a, b] = part.s;
@@ -180,7 +191,9 @@ impl Traces {
             Some(((x - p).length() / length, per_length * length))
         });
         let (t, density) = seen.unwrap_or((u, 1.0));
-        Spot::new(cx.scene, &cx.around, ended, part.sheet, a + t * (b - a), probability * density / (b - a))
+        let density = probability * density / (b - a);
+        let unsettled = &mut cx.tally.unsettled;
+        Spot::new(cx.scene, &cx.around, (ended, part.sheet), a + t * (b - a), density, unsettled)
     }
 
     /// What the point sends toward d, moving so, and how that depends on slots.
@@ -210,10 +223,11 @@ impl Traces {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
         };
         for v in &path.vertices {
-            let found = self.look_straight(cx, ended, &path, v, &mut stream);
-            found.iter().for_each(|(flux, partials)| emit(*flux, partials));
-            let found = self.look_through(cx, ended, &path, v, &mut stream);
-            found.iter().for_each(|(flux, partials)| emit(*flux, partials));
+            let straight = self.look_straight(cx, ended, &path, v, &mut stream);
+            let through = self.look_through(cx, ended, &path, v, &mut stream);
+            for (flux, partials) in straight.into_iter().chain(through) {
+                emit(flux, &partials);
+            }
         }
     }
 
@@ -283,14 +297,11 @@ impl Traces {
         };
         let straight = sensor.project(spot.hit.p).filter(|q| cx.on_film(q.film) && is_shown(cx, spot.sheet, 0));
         if let Some(q) = straight {
-            let point = Point::Surface(spot.hit);
-            let z = spot.vertex();
-            let share = z.scatter(scene, -q.w);
-            if let Some(f) = seen(cx, &z, &q) {
+            if let Some(shot) = shot::straight(scene, q.o, &Place::within(sensor.medium), spot.hit.p, None) {
+                let point = Point::Surface(spot.hit);
                 let velocity = Watch::itself(cx, &q, &point).velocity(cx, &point);
                 if let Some((flux, partials)) = self.sent(cx, ended, &spot, -q.w, &velocity) {
-                    let way = Rgb::from_fn(|c| if share[c] == 0.0 { 0.0 } else { f[c] / share[c] });
-                    emit(q.film, flux * way, &partials);
+                    emit(q.film, flux * shot.weight * q.pixels_per_area, &partials);
                 }
             }
         }

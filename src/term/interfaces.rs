@@ -33,7 +33,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         let what = format!(
             "`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet"
         );
-        let remedy = "only flat faces may be there: rectangles and disks that are parallel to one another, or rectangles, cubes and convex meshes where nothing is opaque; and nothing but lights, the camera and these may move; else differentiate with respect to something else";
+        let remedy = "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of at most 4096 flat faces; else differentiate with respect to something else";
         return Err(Error::scene(&interface.span, what, remedy));
     }
     // An index that changes moves what is behind it.
@@ -152,7 +152,7 @@ fn touching(scene: &Scene) -> Result<()> {
 
 /// An edge on a smooth face that is not its own is seen from the other side through that face, or hidden behind it, which [`super::virtual_edge`] does not tell; the border of a half-space of glass
 /// where something stands in it is in sight.
-fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
+pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
     let smooth = |id: u32| scene.surface_of(id).is_smooth();
     let edges = motion.edges(scene);
     let touched = |i: usize| {

@@ -116,7 +116,9 @@ impl Motion {
         let glowing_null = scene.shapes.iter().find(glows).map(|s| s.name.clone());
         let lights = scene.lights.iter().map(motion).collect();
         let mut motion = Motion { lights, moving, glowing_null, edges: OnceLock::new(), crossed: Vec::new() };
-        if motion.surfaces() {
+        // Where lights alone move, glass and mirrors may end where others pass through them.
+        let ends = || scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
+        if motion.surfaces() || motion.lights.iter().any(|l| l.position || l.direction) && ends() {
             motion.cross(scene);
         }
         Ok(motion)

@@ -35,7 +35,7 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
 
 /// Whether nothing casts a shadow of them.
 pub fn are_clear(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> bool {
-    scene.has_parallel_panes() && examine(scene, sensor, margin, motion, false).is_ok()
+    are_known(scene, motion) && examine(scene, sensor, margin, motion, false).is_ok()
 }
 
 pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Result<()> {
@@ -43,7 +43,7 @@ pub fn check(scene: &Scene, sensor: &Sensor, margin: f64, motion: &Motion) -> Re
     let moves = motion.surfaces() || motion.lights.iter().any(turns);
     let cast = moves && cast::are_known(scene, motion) && !are_clear(scene, sensor, margin, motion);
     if cast {
-        cast::check(scene)?;
+        cast::check(scene, motion)?;
     }
     examine(scene, sensor, margin, motion, cast)
 }

@@ -214,7 +214,8 @@ fn missing_terms_name_their_cause() {
     let block = format!("{CAMERA}{}{light}", glass.replace("sphere", "cube"));
     assert!(used(&plan(&block, "x"), "use").split(' ').any(|t| t == "G"));
     let floor = r#"<shape type="rectangle"/>"#;
-    assert!(plan(&format!("{block}{floor}"), "x").refuse().is_err());
+    assert!(used(&plan(&format!("{block}{floor}"), "x"), "use").split(' ').any(|t| t == "R"));
+    assert!(plan(&format!("{block}{}", floor.replace("rectangle", "disk")), "x").refuse().is_err());
 }
 
 #[test]
