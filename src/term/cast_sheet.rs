@@ -170,7 +170,7 @@ pub fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
     let faces = &scene.chains.faces;
     let (ways, begins) = ways(scene, bodies, id);
     let borders = borders(scene);
-    let ends: Vec<Vec<[DVec3; 2]>> = faces.iter().map(|f| ends_of(scene, &borders, f)).collect();
+    let own: Vec<Vec<Border>> = faces.iter().map(|f| borders_of(scene, &borders, f)).collect();
     let of_way = |(links, asked): &Way| {
         let passed = |l: &Link| if l.through { bodies.bit(faces[l.face as usize].shape) } else { 0 };
         let within = links.iter().fold(begins, |set, l| set ^ passed(l));
@@ -182,15 +182,10 @@ pub fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
             sheets.extend(Some(sheet).filter(|s| !s.pieces.is_empty()));
         };
         for (at, link) in links.iter().enumerate() {
-            let face = &faces[link.face as usize];
             let before = at.checked_sub(1).map(|k| &faces[links[k].face as usize]);
             let shared = |ends: &[DVec3; 2]| before.is_some_and(|b| edges(b).any(|other| is_same(scene, ends, &other)));
-            for &ends in ends[link.face as usize].iter().filter(|ends| !shared(ends)) {
-                add(
-                    at,
-                    false,
-                    Border { ends, faces: SmallVec::from_iter([(face.shape, face.face)]), into: SmallVec::new() },
-                );
+            for b in own[link.face as usize].iter().filter(|b| !shared(&b.ends)) {
+                add(at, false, b.clone());
             }
         }
         for at in 0..=links.len() {
@@ -205,10 +200,15 @@ pub fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
     ways.par_iter().flat_map_iter(of_way).collect()
 }
 
-/// The borders of a face. Of two facets in one plane either takes over what the other leaves.
-fn ends_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<[DVec3; 2]> {
-    let counts = |ends: &[DVec3; 2]| borders.iter().any(|b| b.own().0 == face.shape && is_same(scene, &b.ends, ends));
-    edges(face).filter(counts).collect()
+/// The borders of a face, itself first of their faces. Of two facets in one plane either takes over what the other leaves.
+fn borders_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<Border> {
+    let own = (face.shape, face.face);
+    let known = |ends: [DVec3; 2]| {
+        let found = borders.iter().find(|b| b.own().0 == face.shape && is_same(scene, &b.ends, &ends))?;
+        let others = found.faces.iter().copied().filter(|f| *f != own);
+        Some(Border { ends, faces: std::iter::once(own).chain(others).collect(), into: SmallVec::new() })
+    };
+    edges(face).filter_map(known).collect()
 }
 
 /// Two opaque shapes with edges that lie on each other in part only, or all along though they are `apart`: shapes that move differently.

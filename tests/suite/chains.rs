@@ -91,7 +91,6 @@ fn derivatives_by_media_behind_facets() {
     let dir = tempfile::tempdir().unwrap();
     let text = block_of_facets(dir.path(), &block(5, POINT));
     against_differences(&text, &[("milk", 0.05), ("white", 0.02)], &["all"], 1 << 10, 0.02);
-    against_differences(&text, &[("n", 0.05), ("x", 0.1)], &["all"], 1 << 10, 0.02);
 }
 
 /// Light from far away is parallel.
