@@ -512,7 +512,9 @@ pub fn facts(p: &Parts<f64>) -> Facts {
             && solid.iter().all(|s| match s.kind {
                 ShapeKind::Sphere { .. } | ShapeKind::Disk | ShapeKind::Cylinder { .. } => false,
                 ShapeKind::Rectangle => !through(s.surface),
-                _ => true,
+                ShapeKind::Cube => true,
+                // Of glass and metal only where nothing is opaque (`term::cast`).
+                _ => !smooth(s.surface) || solid.iter().all(|s| smooth(s.surface)),
             }),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),

@@ -245,7 +245,7 @@ fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {
 }
 
 /// All edges of what is smooth or opaque, each once (those that opaque shapes share, too), but those within a plane.
-pub fn borders(scene: &Scene) -> Vec<Border> {
+fn borders(scene: &Scene) -> Vec<Border> {
     let mut found: Vec<Border> = Vec::new();
     let mut first = 0;
     let mut add = |shape: u32, face: u32, corners: &[DVec3]| {

@@ -6,7 +6,7 @@
 //! ∫ g (L⁺ - L⁻) <m, ẋ_k - ė> da / |n·(∇f × ∇a)|
 //! ```
 //!
-//! (dl/|∇f| along f = 0; n: the surface's normal), g being what a unit of light there brings to the picture. A point of it is drawn by its place on the border. Whoever sees it tells how it moves: the camera, straight or by way of interfaces
+//! ([T] (35) for a curve on a surface: dl/|∇f| along f = 0; n: the surface's normal), g being what a unit of light there brings to the picture. A point of it is drawn by its place on the border. Whoever sees it tells how it moves: the camera, straight or by way of interfaces
 //! (a shot, [`super::aim`]), onto whose film it slides, and vertices of camera paths ([`super::seen_path`]), likewise, each in its own way.
 
 use super::aim::{From, Interfaces};
@@ -25,6 +25,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::scene::{Around, Hit, On, Scene};
 use crate::sensor::Sensor;
+use crate::transport::Tally;
 use crate::transport::first::{FilmLine, Nth, Seen};
 use crate::transport::ray::MovingRay;
 use crate::transport::shot::{self, Place, Target};
@@ -104,24 +105,29 @@ impl Spot<'_> {
         met.slide(scene, self.sheet.at, self.hit.p)
     }
 
-    fn jump(&self, scene: &Scene, unsettled: &mut u64) -> Option<&Jump> {
-        self.jump.get_or_init(|| self.found_jump(scene, unsettled)).as_ref()
+    fn jump(&self, scene: &Scene, tally: &mut Tally) -> Option<&Jump> {
+        self.jump.get_or_init(|| self.found_jump(scene, tally)).as_ref()
     }
 
-    fn found_jump(&self, scene: &Scene, unsettled: &mut u64) -> Option<Jump> {
+    /// `None` where nothing jumps; what is no number, or does not settle, is counted.
+    fn found_jump(&self, scene: &Scene, tally: &mut Tally) -> Option<Jump> {
         let (sheet, n) = (self.sheet, self.hit.n);
-        let met = sheet.met(scene, self.s, unsettled)?;
-        let slide = self.slide(scene, &met)?;
+        let met = sheet.met(scene, self.s, &mut tally.unsettled)?;
+        let Some(slide) = self.slide(scene, &met) else {
+            tally.unsettled += 1;
+            return None;
+        };
         let ([by_end, by_light], [by_along, _]) = (slide.by_ends(met.m), slide.by_ends(sheet.along()));
         let slope = by_end - n * n.dot(by_end);
         let off = slope.normalize_or_zero() * (aside(scene) / slope.length()).min(FARTHEST * scene.bounds.radius());
         let [more, less] = [off, -off].map(|off| {
             let h = scene.hit_at(self.hit.p + off, self.hit.shape, self.hit.face);
-            sheet.arrives(scene, (h.p, On::at(&h), self.medium), unsettled)
+            sheet.arrives(scene, (h.p, On::at(&h), self.medium), &mut tally.unsettled)
         });
         // Both gradients are across w.
         let measure = sheet.length() / (by_end.cross(by_along).length() * self.density);
         let light = (more - less) * measure;
+        tally.nonfinite += u64::from(!light.is_finite());
         (light.is_finite() && !light.is_zero()).then_some(Jump { met, by_light, light })
     }
 
@@ -162,7 +168,7 @@ impl Traces {
                 };
                 let spot = Spot::new(scene, &around, (ended, k), 0.5 * (a + b), 1.0 / (b - a), &mut 0);
                 let scatters = |s: &Spot| !s.vertex().scatter(scene, -s.w).is_zero();
-                let light = |s: Spot| s.jump(scene, &mut 0).map_or(0.0, |j| j.light.abs().max());
+                let light = |s: Spot| s.jump(scene, &mut Tally::default()).map_or(0.0, |j| j.light.abs().max());
                 let light = spot.filter(scatters).map_or(0.0, light) * if ended.moves(k) { 1.0 } else { STILL };
                 parts.push((Part { sheet: k, s: [a, b], ends }, light, sheet.asked * (b - a) * sheet.length()));
             }
@@ -209,7 +215,7 @@ impl Traces {
         if scattered.is_zero() || !spot.moves && velocity.is_zero() {
             return None;
         }
-        let jump = spot.jump(cx.scene, &mut cx.tally.unsettled)?;
+        let jump = spot.jump(cx.scene, &mut cx.tally)?;
         let partials = spot.partials(cx, ended, jump, velocity).filter(|p| !p.as_slice().is_empty())?;
         Some((jump.light * scattered, partials))
     }

@@ -3,6 +3,7 @@
 use crate::common::*;
 use tyndall::error::WarningKind;
 use tyndall::render::driver::Mode;
+use tyndall::render::plan::Plan;
 use tyndall::scene::chains::Chains;
 
 /// A floor under a slanted block of glass and milk, and beside a mirror. What the camera sees is the floor.
@@ -91,6 +92,11 @@ fn derivatives_by_media_behind_facets() {
     let dir = tempfile::tempdir().unwrap();
     let text = block_of_facets(dir.path(), &block(5, POINT));
     against_differences(&text, &[("milk", 0.05), ("white", 0.02)], &["all"], 1 << 10, 0.02);
+    let (desc, _) = scene(&text);
+    for name in ["x", "n"] {
+        let refused = Plan::new(&desc, &[name.to_string()]).and_then(|p| p.refuse());
+        assert!(refused.is_err(), "{name}");
+    }
 }
 
 /// Light from far away is parallel.
