@@ -10,6 +10,7 @@ use crate::scene::arrays::Target;
 use crate::scene::desc::suggest;
 use crate::scene::parts::{LightKindPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart};
 use crate::scene::{SceneDesc, arrays};
+use crate::surface::microfacet::Distribution;
 use crate::transport::border;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -155,6 +156,8 @@ pub struct Facts {
     pub rimmed: bool,
     /// A zero-measure light whose light has to cross an interface.
     pub light_across_interface: bool,
+    /// Rough glass of GGX facets, and light without extent, beams too.
+    pub facets: bool,
 }
 
 /// What moves or changes for the parameters asked.
@@ -184,6 +187,8 @@ pub struct Motion {
     pub opaque: bool,
     pub camera: bool,
     pub ior: bool,
+    /// Of rough surfaces.
+    pub facet_ior: bool,
     pub interface: bool,
 }
 
@@ -268,6 +273,8 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
         &[VE],
         "an occluder is seen through an interface",
     );
+    let turns = m.facet_ior || m.beam || anything;
+    add(turns && !specular && f.facets, &[R], "rough glass cuts light without extent off at some angles");
     add((anything || specular) && f.rims, &[VE], "segments end at the rims of balls of glass");
     need
 }
@@ -402,7 +409,7 @@ impl Plan {
                 && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface))
             {
                 let why = "what moves may be seen or lit by way of an interface";
-                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or of glass only cubes (convex meshes where nothing is opaque), of metal rectangles too, and of all else rectangles, cubes and meshes of flat faces";
+                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or of glass only cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of flat faces";
                 miss(Term::S, why, zero_measure(&parts).map(|l| Cause::of_light(l, remedy)));
             }
             let turns = motion.ior || motion.interface || motion.beam;
@@ -468,6 +475,12 @@ fn rims(p: &Parts<f64>) -> bool {
         && (p.shapes.iter().any(beside) || p.sensors.iter().any(|s| fog(s.medium)))
 }
 
+/// Whether light that it refracts ends with a jump where a facet stands upright.
+fn is_of_facets(s: &SurfacePart<f64>) -> bool {
+    let SurfacePart::Rough { distribution: Distribution::Ggx, smooth, .. } = s else { return false };
+    matches!(**smooth, SurfacePart::Dielectric { .. })
+}
+
 /// Facts of a scene from its parts.
 pub fn facts(p: &Parts<f64>) -> Facts {
     let opaque = |s: usize| !matches!(p.surfaces[s], SurfacePart::Null);
@@ -512,9 +525,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
             && solid.iter().all(|s| match s.kind {
                 ShapeKind::Sphere { .. } | ShapeKind::Disk | ShapeKind::Cylinder { .. } => false,
                 ShapeKind::Rectangle => !through(s.surface),
-                ShapeKind::Cube => true,
-                // Of glass and metal only where nothing is opaque (`term::cast`).
-                _ => !smooth(s.surface) || solid.iter().all(|s| smooth(s.surface)),
+                _ => true,
             }),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),
@@ -523,6 +534,8 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
         rimmed: p.shapes.iter().any(|s| smooth(s.surface)) && rimmed(p).is_some(),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
+        facets: p.shapes.iter().any(|s| is_of_facets(&p.surfaces[s.surface]))
+            && (zero_measure_light || p.lights.iter().any(|l| beam(&l.kind))),
     }
 }
 
@@ -558,8 +571,9 @@ fn motion_of_mesh(p: &Parts<f64>, i: usize) -> Motion {
 pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
     let slots = d.slots();
     let mut values = slots.iter().filter(|s| s.quantity.is_value()).flat_map(|s| &s.values);
-    let ior = slots.iter().filter(|s| s.quantity == Quantity::Ior).flat_map(|s| &s.values).any(|x| x.d[0] != 0.0);
-    let mut m = Motion { ior, values: values.any(|x| x.d[0] != 0.0), ..Motion::default() };
+    let changes = |q: Quantity| slots.iter().filter(|s| s.quantity == q).flat_map(|s| &s.values).any(|x| x.d[0] != 0.0);
+    let (ior, facet_ior) = (changes(Quantity::Ior), changes(Quantity::FacetIor));
+    let mut m = Motion { ior, facet_ior, values: values.any(|x| x.d[0] != 0.0), ..Motion::default() };
     for (what, x) in d.movable() {
         if x.iter().all(|x| x.d[0] == 0.0) {
             continue;

@@ -1,7 +1,7 @@
 //! Warnings that need the whole scene: cameras and lights in media that they do not name, light that smooth surfaces send on and nothing follows, and what the derivatives by some parameters leave out.
 
 use super::chains::{MOST, has_flat_faces};
-use super::parts::{LightKindPart, Movable, Parts, SurfacePart};
+use super::parts::{LightKindPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart};
 use super::{On, Scene, SceneDesc, arrays};
 use crate::error::{Result, Span, Warning, WarningKind};
 use crate::light::{Light, LightKind};
@@ -151,7 +151,7 @@ fn without_extent<R>(parts: &Parts<R>) -> impl Iterator<Item = &str> {
 }
 
 /// Surfaces of GGX glass beside light without extent, where directions turn or an index changes. Light that is refracted ends with a jump where the facet is upright ([`crate::surface::upright`]). For light that
-/// arrives from a continuum of directions that is computed; what comes from a single one jumps along a curve on the glass, and nothing computes how that moves.
+/// arrives from a continuum of directions that is computed; what comes from a single one jumps along a curve on the glass ([`crate::term::facet_edge`]).
 fn edges_that_move(parts: &Parts<Dual<1>>, turns: bool) -> Vec<usize> {
     let lit = without_extent(parts).next().is_some();
     let moves = |s: &SurfacePart<Dual<1>>| match s {
@@ -164,16 +164,35 @@ fn edges_that_move(parts: &Parts<Dual<1>>, turns: bool) -> Vec<usize> {
     (0..parts.surfaces.len()).filter(|&k| lit && moves(&parts.surfaces[k])).collect()
 }
 
+/// What of such an edge is not known: on faces that may be curved, by way of other glass, from far away.
 fn edge_on(parts: &Parts<f64>, surface: usize, names: &str) -> Option<Warning> {
-    let s = parts.shapes.iter().find(|s| s.surface == surface)?;
+    let is_flat = |s: &ShapePart<f64>| matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Cube) || s.face_normals;
+    let smooth = |s: &SurfacePart<f64>| matches!(s, SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
+    let own = || parts.shapes.iter().filter(|s| s.surface == surface);
+    let round = own().find(|s| !is_flat(s));
+    let (why, help) = if round.is_some() {
+        (
+            "on shapes that may be round",
+            "use flat faces: rectangles, cubes, and meshes with <boolean name=\"face_normals\" value=\"true\"/>",
+        )
+    } else if parts.shapes.iter().any(|s| smooth(&parts.surfaces[s.surface])) {
+        ("by way of smooth glass and mirrors", "leave the smooth glass and mirrors out")
+    } else if parts.sensors.iter().any(|s| s.tan_half.is_none()) {
+        ("as orthographic cameras see it", "use a perspective camera that is far away")
+    } else {
+        return None;
+    };
+    let s = round.or_else(|| own().next())?;
     let SurfacePart::Rough { alpha, .. } = &parts.surfaces[surface] else { return None };
     let lights = without_extent(parts).map(|l| format!("`{l}`")).collect::<Vec<_>>().join(", ");
     let what = format!(
-        "shape `{}`: derivatives by {names} are biased where light without extent ({lights}) shines through it aslant: rough glass of `ggx` facets (alpha {alpha}) cuts light off at some angles, and how that edge moves is known for area lights and skies only",
+        "shape `{}`: derivatives by {names} are biased where light without extent ({lights}) shines through it aslant: rough glass of `ggx` facets (alpha {alpha}) cuts light off at some angles, and how that edge moves {why} is known for area lights and skies only",
         s.name
     );
-    let hint = "use a small area light, or <string name=\"distribution\" value=\"beckmann\"/>, which has no such edge";
-    Some(warning(WarningKind::EdgeOnFacets, &s.span, what, hint.into()))
+    let hint = format!(
+        "{help}; or use a small area light, or <string name=\"distribution\" value=\"beckmann\"/>, which has no such edge"
+    );
+    Some(warning(WarningKind::EdgeOnFacets, &s.span, what, hint))
 }
 
 /// Smooth interfaces between equal indices of which one changes with a parameter. Light at grazing is mirrored as soon as they differ, whichever is the larger ([T] 9), in a

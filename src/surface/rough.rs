@@ -135,6 +135,14 @@ impl Rough {
         params.is_active(self.alpha_slot) || self.indices_active(params)
     }
 
+    /// Behind its front side and before it, of glass.
+    pub fn indices(&self) -> Option<[f64; 2]> {
+        match self.matter {
+            Matter::Dielectric { interior, exterior } => Some([interior, exterior]),
+            Matter::Conductor { .. } => None,
+        }
+    }
+
     /// Whether its indices are among the parameters.
     pub fn indices_active(&self, params: &ParamSet) -> bool {
         params.block_active(self.index_slot, if self.is_transparent() { 2 } else { 6 })

@@ -109,11 +109,6 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
             _ => false,
         }
     };
-    // Of facets beside surfaces something is still missing (a block as a mesh over a floor).
-    let is_opaque = |s: &Instance| !scene.is_null(s) && !scene.surfaces[s.surface as usize].is_smooth();
-    if scene.chains.faces.iter().any(|f| f.is_facet()) && scene.shapes.iter().any(is_opaque) {
-        return false;
-    }
     let chains = &scene.chains;
     !chains.faces.is_empty() && !chains.cut && !chains.touching && (0..).zip(&scene.shapes).all(known)
 }

@@ -27,6 +27,8 @@ const PIECES: usize = 16;
 const HALVED: i32 = 12;
 /// Halvings that find where rays of a sheet end.
 const STEPS: usize = 60;
+/// Share of a border between two rays that tell how the sheet lies.
+const BESIDE: f64 = 1e-5;
 /// How far from opposite the directions into two faces of one plane may be.
 const FLAT: f64 = 1e-12;
 /// Distances ahead, in scene radii, that may be none: light passes two faces at the edge that they share.
@@ -336,6 +338,14 @@ impl Sheet {
         let hit = scene.opaque_past(ray.o, ray.w, f64::INFINITY, &grazed)?;
         let scatters = !scene.surface_of(hit.shape).is_smooth();
         (scatters && (hit.p - z).length() > ends::contact(scene)).then_some((hit, ray.w, grazed))
+    }
+
+    /// Across the sheet where its ray by a place of the border has gone `t` along w: `None` where there is no ray beside it.
+    pub fn across(&self, scene: &Scene, s: f64, t: f64, w: DVec3) -> Option<DVec3> {
+        let at = |s: f64| self.ray(scene, s).map(|r| r.o + r.w * t);
+        let here = at(s)?;
+        let beside = [s + BESIDE, s - BESIDE].into_iter().find_map(at)?;
+        (beside - here).cross(w).try_normalize()
     }
 
     fn from(&self, scene: &Scene) -> Option<Origin<f64>> {

@@ -92,7 +92,11 @@ impl Spot<'_> {
     ) -> Option<Spot<'a>> {
         let (sheet, moves) = (&ended.sheets()[k], ended.moves(k));
         let (hit, w, grazed) = sheet.lands(scene, s, unsettled)?;
-        let before = || scene.medium_past(ends::before(scene, &hit, w), -w, &grazed, around);
+        let before = || {
+            // Beside the sheet: on it the border's own faces would be met from either side, as rounding has it.
+            let across = sheet.across(scene, s, hit.t, w).unwrap_or_default();
+            ends::medium_beside(scene, ends::before(scene, &hit, w), -w, across, &grazed, around)
+        };
         let medium = if scene.media.is_empty() { None } else { before() };
         Some(Spot { sheet, moves, s, density, hit, w, medium, jump: OnceCell::new() })
     }

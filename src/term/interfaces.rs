@@ -33,7 +33,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         let what = format!(
             "`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet"
         );
-        let remedy = "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes (convex meshes where nothing is opaque), of metal rectangles too, and of all else rectangles, cubes and meshes of at most 4096 flat faces; else differentiate with respect to something else";
+        let remedy = "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of at most 4096 flat faces; else differentiate with respect to something else";
         return Err(Error::scene(&interface.span, what, remedy));
     }
     // An index that changes moves what is behind it.

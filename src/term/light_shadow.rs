@@ -7,6 +7,7 @@
 
 use super::cast::Casts;
 use super::ends::{self, Point, Watch};
+use super::facet_edge::FacetEdges;
 use super::outline::Outlines;
 use super::sheet::{Grazed, Partials, Ray, Reach};
 use super::sheet_samples::{self, Found};
@@ -20,12 +21,16 @@ use crate::sensor::Sensor;
 
 pub const NAME: &str = "light_shadow";
 
+/// Of the numbers that are learned, where there are traces: the one for edges of facets.
+const FACETS: usize = 2;
+
 pub struct LightShadow {
     lights: Vec<Shadow>,
     table: Discrete,
     reach: Reach,
     /// Beside glass and mirrors: by their borders, and no other ([`super::interfaces`]).
     casts: Option<Casts>,
+    facets: Option<FacetEdges>,
 }
 
 /// The shadows of one light.
@@ -62,8 +67,9 @@ impl LightShadow {
         let power = |s: &Shadow| scene.lights[s.outlines.light() as usize].value.max().max(f64::MIN_POSITIVE);
         let table = Discrete::new(lights.iter().map(power));
         let casts = casts.flatten();
-        let any = !lights.is_empty() || casts.is_some();
-        any.then(|| LightShadow { lights, table, reach: Reach::new(scene, sensor), casts })
+        let facets = FacetEdges::prepare(scene, motion);
+        let any = !lights.is_empty() || casts.is_some() || facets.is_some();
+        any.then(|| LightShadow { lights, table, reach: Reach::new(scene, sensor), casts, facets })
     }
 }
 
@@ -90,6 +96,9 @@ impl Room for LightShadow {
     }
 
     fn along(&self, cx: &mut Context, film: [f64; 2], rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        if let Some(facets) = &self.facets {
+            facets.along(cx, film, rng, emit);
+        }
         if let Some(casts) = &self.casts {
             return casts.along(cx, film, *rng, emit);
         }
@@ -107,19 +116,28 @@ impl Room for LightShadow {
     }
 
     fn has_outward(&self) -> bool {
-        !self.lights.is_empty() || self.casts.as_ref().is_some_and(Casts::has_traces)
+        !self.lights.is_empty() || self.facets.is_some() || self.casts.as_ref().is_some_and(Casts::has_traces)
     }
 
     fn guided_numbers(&self) -> usize {
         match &self.casts {
             // Place on the borders, and the chain by which that is seen.
-            Some(casts) if casts.has_traces() => 2,
-            _ if self.lights.is_empty() => 0,
+            Some(casts) if casts.has_traces() => FACETS + usize::from(self.facets.is_some()),
+            _ if self.lights.is_empty() => usize::from(self.facets.is_some()),
             _ => DIMENSIONS,
         }
     }
 
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
+        if let Some(facets) = &self.facets {
+            let u = match &self.casts {
+                Some(casts) if casts.has_traces() => lead[FACETS],
+                _ if self.lights.is_empty() => lead[0],
+                // Shadows have all of them.
+                _ => rng.uniform(),
+            };
+            facets.outward(cx, u, emit);
+        }
         if let Some(casts) = &self.casts {
             return casts.outward(cx, lead, rng, emit);
         }

@@ -16,6 +16,7 @@ pub mod crossings;
 pub mod cuts;
 pub mod edge_set;
 pub mod ends;
+pub mod facet_edge;
 pub mod facing;
 pub mod follows;
 pub mod frosted;
@@ -52,6 +53,7 @@ use crate::params::{ParamSet, Partial, Slot};
 use crate::scene::{Around, Scene, Settings};
 use crate::sensor::Sensor;
 use crate::shape::{Geometry, Shape};
+use crate::surface::Surface;
 use crate::transport::Tally;
 use crate::transport::attach::InnerBorders;
 use crate::transport::motion::Moving;
@@ -88,6 +90,8 @@ pub struct Motion {
     /// One a light.
     pub lights: Vec<LightMotion>,
     pub moving: Moving,
+    /// Of surfaces whether refracted light ends with a jump that may move ([`facet_edge`]), and whether an index of theirs is a parameter.
+    pub facets: Vec<Option<bool>>,
     /// A lamp that light passes through, where it or anything else moves.
     glowing_null: Option<String>,
     edges: OnceLock<Arc<EdgeSet>>,
@@ -114,8 +118,14 @@ impl Motion {
         let others = moving.any();
         let glows = |s: &&crate::scene::Instance| scene.is_null(s) && s.light.is_some() && (others || s.moves(params));
         let glowing_null = scene.shapes.iter().find(glows).map(|s| s.name.clone());
-        let lights = scene.lights.iter().map(motion).collect();
-        let mut motion = Motion { lights, moving, glowing_null, edges: OnceLock::new(), crossed: Vec::new() };
+        let lights: Vec<LightMotion> = scene.lights.iter().map(motion).collect();
+        let turns = moving.any() || lights.iter().any(|l| l.position || l.direction);
+        let facets = |s: &Surface| match s {
+            Surface::Rough(r) if r.jumps() => Some(r.indices_active(params)).filter(|&index| turns || index),
+            _ => None,
+        };
+        let facets = scene.surfaces.iter().map(facets).collect();
+        let mut motion = Motion { lights, moving, facets, glowing_null, edges: OnceLock::new(), crossed: Vec::new() };
         // Where lights alone move, glass and mirrors may end where others pass through them.
         let ends = || scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
         if motion.surfaces() || motion.lights.iter().any(|l| l.position || l.direction) && ends() {

@@ -142,7 +142,7 @@ pub fn outward(
         let y = ray.at(rho);
         let toward = if ray.distant { -ray.w } else { ray.origin - y };
         let on = On::default();
-        let medium = scene.medium_past(y, toward.normalize(), grazed, &cx.around);
+        let medium = ends::medium_beside(scene, y, toward.normalize(), ray.n, grazed, &cx.around);
         let e = irradiance(cx, ray, y, medium, &on);
         if let (Some(id), Some(e)) = (medium, e) {
             let z = Vertex { p: y, w: ray.w, medium, hit: None };
@@ -162,7 +162,7 @@ pub fn outward(
     }
     if let Some(h) = end.filter(|h| scene.reflects(h)) {
         let on = On::at(&h);
-        let medium = scene.medium_past(ends::before(scene, &h, ray.w), -ray.w, grazed, &cx.around);
+        let medium = ends::medium_beside(scene, ends::before(scene, &h, ray.w), -ray.w, ray.n, grazed, &cx.around);
         if let Some(e) = irradiance(cx, ray, h.p, medium, &on) {
             let z = Vertex { p: h.p, w: ray.w, medium, hit: Some(h) };
             let weight = e * (ray.spread(h.t) / ray.across);

@@ -11,7 +11,7 @@ use super::record::{Face, MediumSpan};
 use crate::math::{DVec3, Rgb};
 use crate::params::{Covector, ParamSet, Sink};
 use crate::scene::Scene;
-use crate::shape::Geometry;
+use crate::shape::{Geometry, Shape};
 
 /// As in `--terms`, EXR layers and reports.
 pub const NAME: &str = "null_interface";
@@ -76,7 +76,11 @@ impl Place {
     /// A point of the medium right at the border. Rounding puts `p` on either side of it, and a path that starts in the medium on the wrong side
     /// does not find the way out where it grazes the border.
     pub fn inside(&self, scene: &Scene) -> DVec3 {
-        let rounding = scene.tolerance(self.o).max(scene.tolerance(self.p));
+        let mut rounding = scene.tolerance(self.o).max(scene.tolerance(self.p));
+        // A face's plane is as exact as its corners are, however far away.
+        if let Shape::Mesh(m) = &scene.shapes[self.on.shape as usize].shape {
+            rounding = m.corners(self.on.face).into_iter().map(|c| scene.tolerance(c)).fold(rounding, f64::max);
+        }
         self.p - self.form.normalize() * rounding
     }
 

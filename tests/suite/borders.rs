@@ -1,6 +1,8 @@
 //! Media whose borders move: against [T] section 11 and finite differences.
 
-use crate::common::{against_differences, check, derivatives, forward, job, params, scene, scene_with};
+use crate::common::{
+    against_differences, block_of_facets, check, derivatives, forward, job, params, scene, scene_with,
+};
 use tyndall::math::DVec3;
 use tyndall::render::driver::{Job, Mode};
 use tyndall::scene::Scene;
@@ -179,4 +181,20 @@ fn a_moving_vdb_changes_its_integrals_and_its_values() {
         assert!(size[0] > 0.1 && size[1] > 0.1, "{name}: nothing changes");
         assert!(errors[0] < 1e-3 * size[0] && errors[1] < 1e-2 * size[1], "{name}: {errors:?} of {size:?}");
     }
+}
+
+/// A border that is a mesh of large facets, near which rounding is theirs, is that of the block.
+#[test]
+fn a_large_mesh_is_a_block() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = r#"<scene version="3.0.0"><default name="z" value="0"/><integrator type="volpath"><integer name="max_depth" value="2"/></integrator>
+  <sensor type="perspective"><float name="fov" value="18"/><transform name="to_world"><lookat origin="1.2, -4, 2.5" target="0, 0, 0" up="0, 0, 1"/></transform>
+    <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.5"/><float name="albedo" value="0.85"/></medium>
+  <shape type="cube" id="block"><transform name="to_world"><scale value="50"/><translate z="-50"/><rotate y="1" angle="4"/><translate z="0.9"/><translate z="$z"/></transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <emitter type="point"><point name="position" value="0.4, 0.3, 2.4"/><float name="intensity" value="10"/></emitter></scene>"#;
+    let [a, b] =
+        [text.to_string(), block_of_facets(dir.path(), text)].map(|t| derivatives(&t, &["z"], &["all"], 1 << 15)[0]);
+    let se = a.error[0].hypot(b.error[0]);
+    assert!((a.value[0] - b.value[0]).abs() < 4.5 * se && se < 0.05 * a.value[0].abs(), "{a:?} {b:?}");
 }

@@ -3,7 +3,6 @@
 use crate::common::*;
 use tyndall::error::WarningKind;
 use tyndall::render::driver::Mode;
-use tyndall::render::plan::Plan;
 use tyndall::scene::chains::Chains;
 
 /// A floor under a slanted block of glass and milk, and beside a mirror. What the camera sees is the floor.
@@ -39,26 +38,6 @@ fn a_point_light_is_a_small_lamp() {
     assert!(point.value[1] > 1.15 * without.value[1], "{point:?} {without:?}");
 }
 
-/// The block as a mesh of twelve facets, in a file; its scene.
-fn block_of_facets(dir: &std::path::Path, text: &str) -> String {
-    let corner = |k: usize| [0, 1, 2].map(|i| if k >> i & 1 == 0 { -1 } else { 1 });
-    let mut file = String::new();
-    for [x, y, z] in (0..8).map(corner) {
-        file += &format!("v {x} {y} {z}\n");
-    }
-    for [a, b, c, d] in [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]] {
-        file += &format!("f {a} {b} {c}\nf {a} {c} {d}\n");
-    }
-    let path = dir.join("block.obj");
-    std::fs::write(&path, file).unwrap();
-    let of = |path: &std::path::Path| {
-        format!(r#"<shape type="obj" id="block"><string name="filename" value="{}"/>"#, path.display())
-    };
-    let facets = text.replace(r#"<shape type="cube" id="block">"#, &of(&path));
-    assert_ne!(facets, text);
-    facets
-}
-
 const BEAM: &str = r#"<emitter type="collimated"><transform name="to_world"><lookat origin="1, 3, 0" target="0.3, 0.8, 0.1" up="0, 0, 1"/></transform>
   <float name="radius" value="0.5"/><string name="profile" value="$profile"/><float name="irradiance" value="10"/></emitter>"#;
 
@@ -86,17 +65,35 @@ fn a_mesh_is_a_block() {
     }
 }
 
-/// Media's derivatives are in the record; whatever moves is refused.
+/// Media's derivatives are in the record.
 #[test]
 fn derivatives_by_media_behind_facets() {
     let dir = tempfile::tempdir().unwrap();
     let text = block_of_facets(dir.path(), &block(5, POINT));
     against_differences(&text, &[("milk", 0.05), ("white", 0.02)], &["all"], 1 << 10, 0.02);
-    let (desc, _) = scene(&text);
-    for name in ["x", "n"] {
-        let refused = Plan::new(&desc, &[name.to_string()]).and_then(|p| p.refuse());
-        assert!(refused.is_err(), "{name}");
-    }
+}
+
+/// What is in a block is not before the surfaces that the shadows of its edges end on, smooth or rough: the edges' own faces tell nothing there, as rounding has either of them met.
+#[test]
+fn shadows_of_facets_are_those_of_the_block() {
+    let dir = tempfile::tempdir().unwrap();
+    let rough = |text: &str| {
+        text.replace(r#"<bsdf type="dielectric">"#, r#"<bsdf type="roughdielectric"><float name="alpha" value="0.3"/>"#)
+    };
+    let compare = |text: &str, spp: u64, precision: f64| {
+        let of = |text: &str| derivatives(text, &["x"], &["light_shadow"], spp)[0];
+        let (a, b) = (of(text), of(&block_of_facets(dir.path(), text)));
+        println!("{a:?} {b:?}");
+        for c in 0..3 {
+            let se = a.error[c].hypot(b.error[c]);
+            assert!((a.value[c] - b.value[c]).abs() < 4.5 * se, "{c}: {a:?} {b:?}");
+            assert!(se < precision * a.value[c].abs(), "{c}: {a:?} {b:?}");
+        }
+    };
+    let (straight, twice) = (block(2, POINT), block(3, POINT));
+    compare(&straight, 1 << 12, 0.02);
+    compare(&rough(&straight), 1 << 12, 0.02);
+    compare(&twice, 1 << 12, 0.05);
 }
 
 /// Light from far away is parallel.

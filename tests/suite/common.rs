@@ -168,6 +168,26 @@ pub fn against_differences(text: &str, wrt: &[(&str, f64)], terms: &[&str], spp:
     }
 }
 
+/// The scene of a block (`<shape type="cube" id="block">`) as a mesh of twelve facets, in a file.
+pub fn block_of_facets(dir: &std::path::Path, text: &str) -> String {
+    let corner = |k: usize| [0, 1, 2].map(|i| if k >> i & 1 == 0 { -1 } else { 1 });
+    let mut file = String::new();
+    for [x, y, z] in (0..8).map(corner) {
+        file += &format!("v {x} {y} {z}\n");
+    }
+    for [a, b, c, d] in [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]] {
+        file += &format!("f {a} {b} {c}\nf {a} {c} {d}\n");
+    }
+    let path = dir.join("block.obj");
+    std::fs::write(&path, file).unwrap();
+    let of = |path: &std::path::Path| {
+        format!(r#"<shape type="obj" id="block"><string name="filename" value="{}"/>"#, path.display())
+    };
+    let facets = text.replace(r#"<shape type="cube" id="block">"#, &of(&path));
+    assert_ne!(facets, text);
+    facets
+}
+
 /// A light without extent, and what it is the limit of.
 pub const POINT: &str =
     r#"<emitter type="point"><point name="position" value="$x, 3, 0"/><float name="intensity" value="10"/></emitter>"#;

@@ -37,6 +37,7 @@ const NO: Facts = Facts {
     rimmed: false,
     beyond_interface: false,
     light_across_interface: false,
+    facets: false,
 };
 
 #[test]
