@@ -212,7 +212,7 @@ fn edges_in_water_that_ends_nowhere_against_differences() {
     <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="10"/></emitter></shape>
   <sensor type="perspective"><float name="fov" value="12"/><transform name="to_world"><lookat origin="0.5, 0.6, 4.6" target="0.8, 0, 0" up="0, 1, 0"/></transform>
     <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/></film></sensor></scene>"#;
-    against_differences(text, &[("x", 0.02)], &["all"], 1 << 15, 0.0);
+    against_differences(text, &[("x", 0.02)], &["all"], 1 << 14, 0.0);
 }
 
 /// Beside borders of media that end somewhere, in the air: a mug with a disk for its milk's surface, and a layer of fog between two rectangles. Lines past edges there are in the air as well.

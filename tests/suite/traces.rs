@@ -38,8 +38,7 @@ fn block(media: &str) -> String {
 
 /// Derivatives against differences; of `jumps` some is light that ends on surfaces.
 fn compare(text: &str, wrt: &[(&str, f64)], jumps: &[&str], spp: u64) {
-    for name in jumps {
-        let part = derivatives(text, &[name], &["light_shadow"], spp)[0];
+    for (part, name) in derivatives(text, jumps, &["light_shadow"], spp).iter().zip(jumps) {
         println!("{name}: {} +- {}", part.value[0], part.error[0]);
         assert!(part.value[0].abs() > 4.0 * part.error[0], "{name}: {part:?}");
     }
