@@ -186,8 +186,9 @@ fn edge_on(parts: &Parts<f64>, surface: usize, names: &str) -> Option<Warning> {
     let SurfacePart::Rough { alpha, .. } = &parts.surfaces[surface] else { return None };
     let lights = without_extent(parts).map(|l| format!("`{l}`")).collect::<Vec<_>>().join(", ");
     let what = format!(
-        "shape `{}`: derivatives by {names} are biased where light without extent ({lights}) shines through it aslant: rough glass of `ggx` facets (alpha {alpha}) cuts light off at some angles, and how that edge moves {why} is known for area lights and skies only",
-        s.name
+        "shape `{}`: derivatives by {names} {} biased where light without extent ({lights}) shines through it aslant: rough glass of `ggx` facets (alpha {alpha}) cuts light off at some angles, and how that edge moves {why} is known for area lights and skies only",
+        s.name,
+        if matches!(s.kind, ShapeKind::Obj(_) | ShapeKind::Ply(_)) { "may be" } else { "are" }
     );
     let hint = format!(
         "{help}; or use a small area light, or <string name=\"distribution\" value=\"beckmann\"/>, which has no such edge"

@@ -31,7 +31,7 @@ use crate::transport::beam;
 use crate::transport::shot::{self, Place, Shot};
 use crate::transport::velocity::{Source, Velocity};
 use smallvec::SmallVec;
-use std::f64::consts::TAU;
+use std::f64::consts::PI;
 
 /// Share of faces drawn by their area alone, however far from lights.
 const ANYWHERE: f64 = 0.2;
@@ -46,12 +46,13 @@ pub struct FacetEdges {
 struct Face {
     shape: u32,
     face: u32,
-    /// A corner, and the unit normal.
-    p: DVec3,
     n: DVec3,
+    middle: DVec3,
+    /// Heights over it that are none, by rounding.
+    level: f64,
     /// A convex polygon, in order.
     corners: SmallVec<[DVec3; 4]>,
-    /// An index of it is a parameter.
+    /// An index of it is a parameter: where nothing moves that saves looking.
     index: bool,
 }
 
@@ -70,31 +71,39 @@ struct Spot<'a> {
     index: bool,
 }
 
-/// A circle in a plane with the unit normal n.
+/// A circle in a plane, from its point p next to the middle of a face on; a straight line where it does not bend.
 struct Circle {
-    center: DVec3,
-    radius: f64,
+    p: DVec3,
+    /// Unit: along it at p, and toward its centre.
     axes: [DVec3; 2],
+    /// One over its radius.
+    bend: f64,
 }
 
 impl Circle {
-    /// Where `n2 |n·wo| = n1 |n·wi|`, wi toward the viewer, wo toward the light on the other side; indices by which side of the normal's.
-    fn new(face: &Face, viewer: DVec3, from: Origin<f64>, [behind, front]: [f64; 2]) -> Option<Circle> {
-        let n = face.n;
-        let h = n.dot(viewer - face.p);
+    /// Where `n2 |n·wo| = n1 |n·wi|`, wi toward the viewer, wo toward the light on the other side; indices by which side of the normal's. `level`: heights of the viewer that are none.
+    fn new(face: &Face, viewer: DVec3, from: Origin<f64>, [behind, front]: [f64; 2], level: f64) -> Option<Circle> {
+        let (n, m) = (face.n, face.middle);
+        let h = n.dot(viewer - m);
+        // A plane does not see itself.
+        if h.abs() <= face.level.max(level) {
+            return None;
+        }
         let (n1, n2) = if h > 0.0 { (front, behind) } else { (behind, front) };
-        let foot = viewer - n * h;
-        let (center, squared) = match from {
+        let off = (m - viewer) + n * h;
+        // Of the middle, both times a - b: its place from the centre, and its distance from there squared less that of the radius.
+        let (from_centre, power, radius, scale) = match from {
             Origin::Position(q) => {
                 let q = q.value();
-                let g = n.dot(q - face.p);
-                if h * g >= 0.0 {
+                let g = n.dot(q - m);
+                if h * g >= 0.0 || g.abs() <= face.level {
                     return None;
                 }
                 let (a, b) = ((n2 * g).powi(2), (n1 * h).powi(2));
-                let off = (q - n * g) - foot;
-                let rest = (n1 * n2).powi(2) * off.length_squared() + (a - b) * (n1 * n1 - n2 * n2);
-                (foot - off * (b / (a - b)), rest * (h * g / (a - b)).powi(2))
+                let far = (m - q) + n * g;
+                let power = a * (off.length_squared() + h * h) - b * (far.length_squared() + g * g);
+                let rest = (n1 * n2).powi(2) * (off - far).length_squared() + (a - b) * (n1 * n1 - n2 * n2);
+                (off * (a - b) + (off - far) * b, power, rest.sqrt() * (h * g).abs(), a - b)
             }
             Origin::Infinity(w) => {
                 let c = n.dot(w.value());
@@ -102,43 +111,54 @@ impl Circle {
                 if c * h <= 0.0 {
                     return None;
                 }
-                (foot, (n1 * h / (n2 * c)).powi(2) - h * h)
+                let squared = (n1 * h / (n2 * c)).powi(2) - h * h;
+                (off, off.length_squared() - squared, squared.sqrt(), 1.0)
             }
         };
-        let radius = squared.sqrt();
-        let axis = n.any_orthonormal_vector();
-        (radius > 0.0 && radius.is_finite()).then(|| Circle { center, radius, axes: [axis, n.cross(axis)] })
+        if !(radius > 0.0 && radius.is_finite()) {
+            return None;
+        }
+        let inward = from_centre.try_normalize().unwrap_or_else(|| n.any_orthonormal_vector()) * -scale.signum();
+        let away = power * scale.signum() / (from_centre.length() + radius);
+        Some(Circle { p: m + inward * away, axes: [n.cross(inward), inward], bend: scale.abs() / radius })
     }
 
-    fn at(&self, angle: f64) -> DVec3 {
-        let (s, c) = angle.sin_cos();
-        self.center + (self.axes[0] * c + self.axes[1] * s) * self.radius
+    /// The point at this distance along it from p.
+    fn at(&self, s: f64) -> DVec3 {
+        let half = 0.5 * self.bend * s;
+        // Of what a straight line would do.
+        let share = if half == 0.0 { 1.0 } else { half.sin() / half };
+        self.p + (self.axes[0] * half.cos() + self.axes[1] * half.sin()) * (s * share)
     }
 
     /// A point of it within a convex polygon, evenly, and the length that is there.
-    fn within(&self, corners: &[DVec3], n: DVec3, u: f64) -> Option<(DVec3, f64)> {
-        let middle = corners.iter().sum::<DVec3>() / corners.len() as f64;
-        let ends = || corners.iter().zip(corners.iter().cycle().skip(1));
-        // Unit, toward the inside of each side.
-        let inward = |a: DVec3, b: DVec3| {
-            let m = n.cross(b - a).normalize_or_zero();
-            if m.dot(middle - a) < 0.0 { -m } else { m }
-        };
-        let sides: SmallVec<[(DVec3, f64); 4]> = ends()
+    fn within(&self, face: &Face, u: f64) -> Option<(DVec3, f64)> {
+        let c = &face.corners;
+        let ends = c.iter().zip(c.iter().cycle().skip(1));
+        // Unit, toward the inside of each side; how far p is there.
+        let sides: SmallVec<[(DVec3, f64); 4]> = ends
             .map(|(&a, &b)| {
-                let m = inward(a, b);
-                (m, m.dot(self.center - a) / self.radius)
+                let m = face.n.cross(b - a).normalize_or_zero();
+                let m = if m.dot(face.middle - a) < 0.0 { -m } else { m };
+                (m, m.dot(self.p - a))
             })
             .collect();
-        let mut cuts: SmallVec<[f64; 12]> = SmallVec::from_iter([0.0, TAU]);
-        for (m, d) in sides.iter().filter(|s| s.1.abs() < 1.0) {
-            let (to, half) = (m.dot(self.axes[1]).atan2(m.dot(self.axes[0])), (-d).acos());
-            cuts.extend([to - half, to + half].map(|a| a.rem_euclid(TAU)));
+        let mut cuts: SmallVec<[f64; 12]> = SmallVec::new();
+        if self.bend > 0.0 {
+            cuts.extend([-PI, PI].map(|a| a / self.bend));
         }
+        for (m, e) in &sides {
+            // By x = 2 tan(bend s/2)/bend, the distance itself of a straight line.
+            let [along, across] = self.axes.map(|v| m.dot(v));
+            let bend = self.bend;
+            let roots = quadratic([*e, along, 0.25 * bend * (e * bend + 2.0 * across)]);
+            cuts.extend(roots.map(|x| if bend > 0.0 { 2.0 * (0.5 * bend * x).atan() / bend } else { x }));
+        }
+        cuts.retain(|s| s.is_finite());
         cuts.sort_by(f64::total_cmp);
-        let is_inside = |angle: f64| {
-            let w = (self.at(angle) - self.center) / self.radius;
-            sides.iter().all(|(m, d)| d + m.dot(w) > 0.0)
+        let is_inside = |s: f64| {
+            let off = self.at(s) - self.p;
+            sides.iter().all(|(m, e)| e + m.dot(off) > 0.0)
         };
         let arcs: SmallVec<[[f64; 2]; 8]> =
             cuts.windows(2).map(|a| [a[0], a[1]]).filter(|[a, b]| b > a && is_inside(0.5 * (a + b))).collect();
@@ -146,12 +166,18 @@ impl Circle {
         let mut left = u * total;
         for [a, b] in arcs {
             if left < b - a {
-                return Some((self.at(a + left), total * self.radius));
+                return Some((self.at(a + left), total));
             }
             left -= b - a;
         }
         None
     }
+}
+
+/// Where `c + b x + a x²` is 0, twice the same or no number where it is not twice.
+fn quadratic([c, b, a]: [f64; 3]) -> [f64; 2] {
+    let q = -0.5 * (b + b.signum() * (b * b - 4.0 * a * c).sqrt());
+    [q / a, c / q]
 }
 
 impl FacetEdges {
@@ -174,8 +200,9 @@ impl FacetEdges {
                 faces.extend(flat.map(|corners: SmallVec<[DVec3; 4]>| Face {
                     shape,
                     face,
-                    p: corners[0],
+                    level: corners.iter().map(|c| scene.tolerance(*c)).fold(0.0, f64::max),
                     n: s.shape.normal(face, corners[0]),
+                    middle: corners.iter().sum::<DVec3>() / corners.len() as f64,
                     corners,
                     index,
                 }));
@@ -189,13 +216,14 @@ impl FacetEdges {
             (1..c.len() - 1).map(|k| (c[k] - c[0]).cross(c[k + 1] - c[0]).length() * 0.5).sum::<f64>()
         };
         let lit = |f: &Face, l: &Lamp| {
-            let middle = f.corners.iter().sum::<DVec3>() / f.corners.len() as f64;
             let light = &scene.lights[l.light as usize];
             let factor = match light.origin() {
-                Some(Origin::Position(q)) => (q.value() - middle).length_squared().recip(),
+                Some(Origin::Position(q)) => {
+                    (q.value() - f.middle).length_squared().max(f64::MIN_POSITIVE.sqrt()).recip()
+                }
                 _ => 1.0,
             };
-            light.emission_toward(middle).map_or(0.0, |e| e.color().max() * factor)
+            light.emission_toward(f.middle).map_or(0.0, |e| e.color().max() * factor)
         };
         let areas: Vec<f64> = faces.iter().map(area).collect();
         let light: Vec<f64> =
@@ -214,8 +242,9 @@ impl FacetEdges {
         let (k, probability, u) = self.table.sample(u);
         let (face, lamp) = (&self.faces[k / self.lights.len()], &self.lights[k % self.lights.len()]);
         let indices = rough(scene, face.shape)?.indices()?;
-        let circle = Circle::new(face, viewer, scene.lights[lamp.light as usize].origin()?, indices)?;
-        let (p, length) = circle.within(&face.corners, face.n, u)?;
+        let from = scene.lights[lamp.light as usize].origin()?;
+        let circle = Circle::new(face, viewer, from, indices, scene.tolerance(viewer))?;
+        let (p, length) = circle.within(face, u)?;
         let hit = scene.hit_at(p, face.shape, face.face);
         Some(Spot { lamp, hit, length: length / probability, index: face.index })
     }
@@ -284,28 +313,27 @@ impl FacetEdges {
 
     fn look(&self, cx: &mut Context, path: &Path, v: &seen_path::Vertex, rng: &mut Rng) -> Option<(Rgb, Partials)> {
         let scene = cx.scene;
-        let spot = self.spot(scene, v.p(), rng.uniform())?;
         if !is_shown(cx, v.depth + 2) {
             return None;
         }
+        let spot = self.spot(scene, v.p(), rng.uniform())?;
         let scatter = v.scatter(scene, (spot.hit.p - v.p()).normalize());
         if scatter.is_zero() {
             return None;
         }
         let shot = shot::straight(scene, v.p(), &v.place(scene), spot.hit.p, None)?;
         let point = Point::Surface(spot.hit);
-        let velocity = path.watch(cx, v).beyond(cx, &v.point).velocity(cx, &point);
-        let (flux, partials) = self.sent(cx, &spot, &shot, [path.velocity(cx, v), velocity])?;
+        let watch = path.watch(cx, v);
+        let velocities = [watch.velocity(cx, &v.point), watch.beyond(cx, &v.point).velocity(cx, &point)];
+        let (flux, partials) = self.sent(cx, &spot, &shot, velocities)?;
         Some((flux * v.weight * scatter * shot.weight * (1.0 / shot.spread), partials))
     }
 
     /// As the camera sees it. `u`: the number that the place on the curves comes from.
     pub fn outward(&self, cx: &mut Context, u: f64, emit: &mut dyn FnMut(&Sample)) {
         let (scene, sensor) = (cx.scene, cx.sensor);
-        let Some(spot) = eye(sensor).and_then(|p| self.spot(scene, p, u)) else { return };
-        if !is_shown(cx, 1) {
-            return;
-        }
+        let Some(eye) = eye(sensor).filter(|_| is_shown(cx, 1)) else { return };
+        let Some(spot) = self.spot(scene, eye, u) else { return };
         let Some(q) = sensor.project(spot.hit.p).filter(|q| cx.on_film(q.film)) else { return };
         let Some(shot) = shot::straight(scene, q.o, &Place::within(sensor.medium), spot.hit.p, None) else { return };
         let point = Point::Surface(spot.hit);

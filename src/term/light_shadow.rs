@@ -21,8 +21,8 @@ use crate::sensor::Sensor;
 
 pub const NAME: &str = "light_shadow";
 
-/// Of the numbers that are learned, where there are traces: the one for edges of facets.
-const FACETS: usize = 2;
+/// How many numbers are learned for traces.
+const TRACES: usize = 2;
 
 pub struct LightShadow {
     lights: Vec<Shadow>,
@@ -73,6 +73,17 @@ impl LightShadow {
     }
 }
 
+impl LightShadow {
+    /// Which of the numbers that are learned is that of the edges of facets.
+    fn number_of_facets(&self) -> Option<usize> {
+        self.facets.as_ref()?;
+        match &self.casts {
+            Some(casts) if casts.has_traces() => Some(TRACES),
+            _ => self.lights.is_empty().then_some(0),
+        }
+    }
+}
+
 impl Shadow {
     /// `-v_n`, less what the vertex itself does.
     fn motion(&self, cx: &Context, ray: &Ray, rho: f64, grazed: Grazed, point: &Point, watch: &Watch) -> Partials {
@@ -120,22 +131,19 @@ impl Room for LightShadow {
     }
 
     fn guided_numbers(&self) -> usize {
-        match &self.casts {
+        let own = match &self.casts {
             // Place on the borders, and the chain by which that is seen.
-            Some(casts) if casts.has_traces() => FACETS + usize::from(self.facets.is_some()),
-            _ if self.lights.is_empty() => usize::from(self.facets.is_some()),
+            Some(casts) if casts.has_traces() => TRACES,
+            _ if self.lights.is_empty() => 0,
             _ => DIMENSIONS,
-        }
+        };
+        own + usize::from(self.number_of_facets().is_some())
     }
 
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
         if let Some(facets) = &self.facets {
-            let u = match &self.casts {
-                Some(casts) if casts.has_traces() => lead[FACETS],
-                _ if self.lights.is_empty() => lead[0],
-                // Shadows have all of them.
-                _ => rng.uniform(),
-            };
+            // Shadows have all that are learned.
+            let u = self.number_of_facets().map_or_else(|| rng.uniform(), |k| lead[k]);
             facets.outward(cx, u, emit);
         }
         if let Some(casts) = &self.casts {

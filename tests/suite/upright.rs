@@ -1,7 +1,8 @@
 //! Refracted light of GGX glass ends with a jump where facets stand upright: derivatives with how that moves, against finite differences, and what they would be without.
 
-use crate::common::{against_differences, derivatives, same_in_chunks};
+use crate::common::{against_differences, derivatives, forward_of, same_in_chunks};
 use tyndall::error::WarningKind;
+use tyndall::scene::compile::Orders;
 use tyndall::scene::{SceneDesc, advice};
 
 /// A pane seen aslant, a lamp and a sky behind it.
@@ -112,6 +113,50 @@ fn a_floor_before_a_pane_against_differences() {
     let small = r#"<scale value="0.2"/><translate x="-0.05" y="-0.58"/>"#;
     let sun = SUN.replace("0.15", "-0.25");
     moves_along_a_curve(&pane_of(&sun, small, floor), &[("ior", 0.02)], 1 << 16);
+}
+
+/// A plane sees no edge on itself, in whatever direction rounding puts a point of it.
+#[test]
+fn a_plane_does_not_see_itself() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("pane.obj");
+    std::fs::write(&path, "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n").unwrap();
+    let lamp = r#"<emitter type="point"><transform name="to_world"><translate x="0.6" y="0.5" z="-0.3"/><translate x="$lamp"/></transform></emitter>"#;
+    let pane = pane_of(lamp, LARGE, "").replace(r#"name="tilt" value="0""#, r#"name="tilt" value="31""#);
+    let file = format!(
+        r#"<shape type="obj"><string name="filename" value="{}"/><boolean name="face_normals" value="true"/>"#,
+        path.display()
+    );
+    let facets = pane.replacen(r#"<shape type="rectangle">"#, &file, 1);
+    assert_ne!(pane, facets);
+    for text in [pane, facets] {
+        let orders = Orders { first: 2, last: 2 };
+        let found = forward_of(&text, orders, &["ior", "lamp", "tilt"], &["light_shadow"], 1 << 14);
+        assert!(found.iter().all(|e| e.value.is_zero()), "{found:?}");
+    }
+}
+
+/// Where camera and lamp are as high over the glass, by indices, the circle is a straight line.
+#[test]
+fn a_straight_edge() {
+    let of = |z: f64| {
+        let lamp = format!(
+            r#"<emitter type="point"><transform name="to_world"><translate x="2.5" y="0.5" z="{z}"/><translate x="$lamp"/></transform></emitter>"#
+        );
+        let text = pane_of(&lamp, LARGE, "")
+            .replace(r#"name="h" value="1""#, r#"name="h" value="0""#)
+            .replace(r#"name="ior" value="1.45""#, r#"name="ior" value="1.5""#)
+            .replace(r#"name="ext_ior" value="1.1""#, r#"name="ext_ior" value="1""#)
+            .replace(r#"value="15"/>"#, r#"value="50"/>"#)
+            .replace(r#"origin="-1.8, 0.2, 2" target="-1.06, 0.2, 1""#, r#"origin="-3, 0.2, 3" target="-1, 0.2, 0""#);
+        derivatives(&text, &["ior"], &["light_shadow"], 1 << 12)[0]
+    };
+    // The same random numbers.
+    let beside = of(-2.0001);
+    for near in [-2.0, -2.00000000000001, -2.0000001].map(of) {
+        assert!((near.value[0] - beside.value[0]).abs() < 0.002 * beside.value[0].abs(), "{near:?} {beside:?}");
+    }
+    assert!(beside.value[0].abs() > 10.0 * beside.error[0], "{beside:?}");
 }
 
 /// The pane before a wall that the lamp shines on, and a smooth ball, whose critical angle derivatives by whatever moves look beside.
