@@ -71,18 +71,24 @@ pub fn cause(p: &Parts<f64>, term: Term, m: &Motion) -> Option<Cause> {
     }
     match term {
         Term::C => {
-            if let Some(l) = zero_measure(p) {
-                return Some(Cause::of_light(
-                    l,
-                    "use an area light that is a rectangle, an environment or a collimated beam",
-                ));
+            // What stands in a beam is the reason that comes first (`plan::needed`).
+            let has_beam = p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Beam { .. }));
+            let cuts = p.shapes.iter().find(|s| has_beam && is_outlined(p, s.surface));
+            match cuts {
+                Some(s) => {
+                    let remedy = "take it out of the scene, or use a directional light in place of the beam";
+                    Some(Cause::of_shape(s, remedy))
+                }
+                None => Some(Cause::of_light(
+                    zero_measure(p)?,
+                    "use an area light that is a rectangle, an environment or, where nothing is opaque, a collimated beam",
+                )),
             }
-            let cuts = p.shapes.iter().find(|s| is_outlined(p, s.surface))?;
-            Some(Cause::of_shape(cuts, "take it out of the scene, or use a directional light in place of the beam"))
         }
-        Term::G | Term::R => {
-            Some(Cause::of_light(zero_measure(p)?, "use an area light, an environment or a collimated beam"))
-        }
+        Term::G | Term::R => Some(Cause::of_light(
+            zero_measure(p)?,
+            "use an area light, an environment or, where nothing is opaque, a collimated beam",
+        )),
         _ => None,
     }
 }

@@ -409,7 +409,7 @@ impl Plan {
                 && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface))
             {
                 let why = "what moves may be seen or lit by way of an interface";
-                let remedy = "use an area light that is a rectangle, an environment or a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or of glass only cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of flat faces";
+                let remedy = "use an area light that is a rectangle, an environment or, where nothing is opaque, a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or of glass only cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of flat faces";
                 miss(Term::S, why, zero_measure(&parts).map(|l| Cause::of_light(l, remedy)));
             }
             let turns = motion.ior || motion.interface || motion.beam;
