@@ -6,6 +6,7 @@ use super::options::{LogOptions, SceneOptions, parameters_and_arrays};
 use clap::Args;
 use tyndall::error::{Error, Result};
 use tyndall::render::plan::Plan;
+use tyndall::scene::advice;
 
 /// What a scene's derivatives need, what is left out and why; renders nothing
 #[derive(Args)]
@@ -25,6 +26,7 @@ impl PlanArgs {
         let desc = self.scene.desc()?;
         let plan = Plan::new(&desc, &wrt)?;
         log.warnings(&desc.warnings);
+        log.warnings(&advice::of_parameters(&desc, &wrt)?);
         if log.json {
             log.result(json(&plan)?)?;
         } else {

@@ -491,8 +491,13 @@ fn plan_names_what_is_used() {
     let lines = plan["lines"].as_array().unwrap();
     let decision = |letters: &str| lines.iter().find(|l| l["letters"] == letters).unwrap()["decision"].clone();
     assert_eq!((decision("P"), decision("E1"), decision("VE")), ("use".into(), "use".into(), "skip".into()));
-    assert!(b.expect(0, "plan fog.xml --wrt light_x").stdout.contains("light_shadow"));
+    let sure = b.expect(0, "plan fog.xml --wrt light_x");
+    assert!(sure.stdout.contains("light_shadow") && !sure.stderr.contains("biased"), "{}", sure.stderr);
     assert_eq!(b.files(), ["fog.xml"]);
+    // What `grad` warns of, before it takes any time.
+    let ball = r#"<shape type="sphere" id="ball"><bsdf type="roughdielectric"><string name="distribution" value="ggx"/><float name="alpha" value="0.3"/></bsdf></shape></scene>"#;
+    fs::write(b.path("ball.xml"), SCENE.replace("</scene>", ball)).unwrap();
+    assert!(b.expect(0, "plan ball.xml --wrt light_x").stderr.contains("biased"));
 }
 
 #[test]
