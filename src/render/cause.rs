@@ -41,7 +41,7 @@ pub fn zero_measure(p: &Parts<f64>) -> Option<&LightPart<f64>> {
 }
 
 pub fn is_smooth(p: &Parts<f64>, s: usize) -> bool {
-    matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. })
+    p.surfaces[s].is_smooth()
 }
 
 /// Something that has an outline where it is seen in glass or mirrors.

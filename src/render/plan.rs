@@ -10,7 +10,6 @@ use crate::scene::arrays::Target;
 use crate::scene::desc::suggest;
 use crate::scene::parts::{LightKindPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart};
 use crate::scene::{SceneDesc, arrays};
-use crate::surface::microfacet::Distribution;
 use crate::transport::border;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -475,12 +474,6 @@ fn rims(p: &Parts<f64>) -> bool {
         && (p.shapes.iter().any(beside) || p.sensors.iter().any(|s| fog(s.medium)))
 }
 
-/// Whether light that it refracts ends with a jump where a facet stands upright.
-fn is_of_facets(s: &SurfacePart<f64>) -> bool {
-    let SurfacePart::Rough { distribution: Distribution::Ggx, smooth, .. } = s else { return false };
-    matches!(**smooth, SurfacePart::Dielectric { .. })
-}
-
 /// Facts of a scene from its parts.
 pub fn facts(p: &Parts<f64>) -> Facts {
     let opaque = |s: usize| !matches!(p.surfaces[s], SurfacePart::Null);
@@ -534,7 +527,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
         rimmed: p.shapes.iter().any(|s| smooth(s.surface)) && rimmed(p).is_some(),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
-        facets: p.shapes.iter().any(|s| is_of_facets(&p.surfaces[s.surface]))
+        facets: p.shapes.iter().any(|s| p.surfaces[s.surface].upright().is_some())
             && (zero_measure_light || p.lights.iter().any(|l| beam(&l.kind))),
     }
 }

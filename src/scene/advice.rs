@@ -10,7 +10,6 @@ use crate::math::{DVec3, Dual};
 use crate::shape::bounds::Bounds;
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
-use crate::surface::microfacet::Distribution;
 use crate::surface::rough::MATCHED;
 use std::collections::BTreeMap;
 
@@ -154,12 +153,9 @@ fn without_extent<R>(parts: &Parts<R>) -> impl Iterator<Item = &str> {
 /// arrives from a continuum of directions that is computed; what comes from a single one jumps along a curve on the glass ([`crate::term::facet_edge`]).
 fn edges_that_move(parts: &Parts<Dual<1>>, turns: bool) -> Vec<usize> {
     let lit = without_extent(parts).next().is_some();
-    let moves = |s: &SurfacePart<Dual<1>>| match s {
-        SurfacePart::Rough { distribution: Distribution::Ggx, alpha, smooth } if alpha.v > FEW => match **smooth {
-            SurfacePart::Dielectric { interior, exterior } => turns || interior.d[0] != 0.0 || exterior.d[0] != 0.0,
-            _ => false,
-        },
-        _ => false,
+    let moves = |s: &SurfacePart<Dual<1>>| {
+        let upright = s.upright().filter(|(alpha, _)| alpha.v > FEW);
+        upright.is_some_and(|(_, indices)| turns || indices.iter().any(|n| n.d[0] != 0.0))
     };
     (0..parts.surfaces.len()).filter(|&k| lit && moves(&parts.surfaces[k])).collect()
 }
@@ -167,7 +163,6 @@ fn edges_that_move(parts: &Parts<Dual<1>>, turns: bool) -> Vec<usize> {
 /// What of such an edge is not known: on faces that may be curved, by way of other glass, from far away.
 fn edge_on(parts: &Parts<f64>, surface: usize, names: &str) -> Option<Warning> {
     let is_flat = |s: &ShapePart<f64>| matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Cube) || s.face_normals;
-    let smooth = |s: &SurfacePart<f64>| matches!(s, SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
     let own = || parts.shapes.iter().filter(|s| s.surface == surface);
     let round = own().find(|s| !is_flat(s));
     let (why, help) = if round.is_some() {
@@ -175,7 +170,7 @@ fn edge_on(parts: &Parts<f64>, surface: usize, names: &str) -> Option<Warning> {
             "on shapes that may be round",
             "use flat faces: rectangles, cubes, and meshes with <boolean name=\"face_normals\" value=\"true\"/>",
         )
-    } else if parts.shapes.iter().any(|s| smooth(&parts.surfaces[s.surface])) {
+    } else if parts.shapes.iter().any(|s| parts.surfaces[s.surface].is_smooth()) {
         ("by way of smooth glass and mirrors", "leave the smooth glass and mirrors out")
     } else if parts.sensors.iter().any(|s| s.tan_half.is_none()) {
         ("as orthographic cameras see it", "use a perspective camera that is far away")
@@ -183,7 +178,7 @@ fn edge_on(parts: &Parts<f64>, surface: usize, names: &str) -> Option<Warning> {
         return None;
     };
     let s = round.or_else(|| own().next())?;
-    let SurfacePart::Rough { alpha, .. } = &parts.surfaces[surface] else { return None };
+    let (alpha, _) = parts.surfaces[surface].upright()?;
     let lights = without_extent(parts).map(|l| format!("`{l}`")).collect::<Vec<_>>().join(", ");
     let what = format!(
         "shape `{}`: derivatives by {names} {} biased where light without extent ({lights}) shines through it aslant: rough glass of `ggx` facets (alpha {alpha}) cuts light off at some angles, and how that edge moves {why} is known for area lights and skies only",

@@ -134,6 +134,18 @@ impl SurfacePart<f64> {
 }
 
 impl<R> SurfacePart<R> {
+    /// Glass or metal that keeps rays together.
+    pub fn is_smooth(&self) -> bool {
+        matches!(self, SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. })
+    }
+
+    /// Of glass whose refracted light ends with a jump where facets stand upright ([`crate::surface::upright`]): the roughness, and the indices behind its front side and before it.
+    pub fn upright(&self) -> Option<(&R, [&R; 2])> {
+        let SurfacePart::Rough { distribution: Distribution::Ggx, alpha, smooth } = self else { return None };
+        let SurfacePart::Dielectric { interior, exterior } = &**smooth else { return None };
+        Some((alpha, [interior, exterior]))
+    }
+
     /// Whether light gets through.
     pub fn is_transparent(&self) -> bool {
         match self {

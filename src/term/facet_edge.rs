@@ -5,7 +5,7 @@
 //! ∮ E f |cos wo| Ḃ dl / |∇B|,
 //! ```
 //!
-//! E: irradiance across the light's direction; Ḃ: what B changes by where the point of the glass moves as its viewer sees it, and with the viewer, the light, the normal and the indices; ∇B: over the glass. B > 0 has the light.
+//! ([T] (35) for a curve on a surface, of (18)'s jump.) E: irradiance across the light's direction; Ḃ: what B changes by where the point of the glass moves as its viewer sees it, and with the viewer, the light, the normal and the indices; ∇B: over the glass. B > 0 has the light.
 //!
 //! On a plane n₂ h_l/d_l = n₁ h_v/d_v, h being heights over it and d distances, is a circle: `(n₂ h_l)² (ρ_v² + h_v²) = (n₁ h_v)² (ρ_l² + h_l²)`, ρ being distances in the plane from the feet; for a light at
 //! infinity one about the viewer's foot. Viewers are the camera and vertices of camera paths, each asks for a point of a circle within a face. Flat faces only, seen and lit straight.

@@ -4,6 +4,8 @@
 //! stay where they are, and with `<n, -ẏ>` more against a receiver's point y, which moves with its shape, or slides on its film point's ray. What the
 //! sheet adds is `-v_n` times the light's irradiance times what its points scatter into the picture: [T] (35) where a camera ray
 //! crosses it, [T] (36) from the outline outward, through any number of scatterings, receivers included.
+//!
+//! Two more kinds of edges of such light are parts of this room: those of glass and mirrors ([`super::cast`]), and those that rough glass makes by itself ([`super::facet_edge`]).
 
 use super::cast::Casts;
 use super::ends::{self, Point, Watch};
@@ -30,6 +32,7 @@ pub struct LightShadow {
     reach: Reach,
     /// Beside glass and mirrors: by their borders, and no other ([`super::interfaces`]).
     casts: Option<Casts>,
+    /// Where rough glass cuts the light of lights without extent off.
     facets: Option<FacetEdges>,
 }
 

@@ -96,6 +96,10 @@ fn every_row_of_the_table() {
     expect("ior, outlines behind the interface", filled, ior, "S VE");
     let cast = Facts { light_across_interface: true, zero_measure_light: true, ..filled };
     expect("ior, outlines and a light across", cast, ior, "S C VE G R");
+    let rough = Facts { facets: true, ..sun(Facts { surfaces: true, reflecting: true, ..NO }) };
+    let facet_ior = Motion { facet_ior: true, values: true, ..still };
+    expect("index of rough glass in light without extent", rough, facet_ior, "P R");
+    expect("index of rough glass under the sky", Facts { facets: false, ..rough }, facet_ior, "P");
     expect("ior, facets", Facts { polygonal_dielectric: true, ..glass }, ior, "S VE");
     let interface = Motion { interface: true, ..still };
     expect("interface moves", glass, interface, "S M");
