@@ -2,9 +2,10 @@
 
 .PHONY: all setup build demo figures test lint unit embree4 docs stress msrv bench bench-peer install clean
 
-# A build from nothing is quicker, and its code faster, without what later builds could use again.
+# A build from nothing is quicker, and its code faster, without what later builds and debuggers could use.
 ifdef CI
 export CARGO_INCREMENTAL := 0
+export CARGO_PROFILE_DEV_DEBUG := 0
 endif
 
 all: build

@@ -143,7 +143,7 @@ impl CheckArgs {
         self.report(&found, &setup, log)?;
         if found.seconds > 1.1 * self.max_time.as_secs_f64() {
             log.warn(format!(
-                "this took {}, longer than --max-time: the search for a step and the first 32 rounds of either side are done in any case; fewer parameters, --step or --crop make them shorter",
+                "this took {}, longer than --max-time: the search for a step and 8 rounds of either side are done in any case; fewer parameters, --step or --crop make them shorter",
                 format::time(found.seconds)
             ));
         }

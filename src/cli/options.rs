@@ -58,7 +58,7 @@ impl SceneOptions {
     }
 
     pub fn load(&self, repair_voxels: bool) -> LoadOptions {
-        LoadOptions { repair_voxels, orders: self.orders.unwrap_or_default() }
+        LoadOptions { repair_voxels, orders: self.orders.unwrap_or_default(), volumes: None }
     }
 }
 

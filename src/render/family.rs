@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::math::Rgb;
 use crate::params::ParamSet;
 use crate::scene::compile::LoadOptions;
+use crate::scene::volume_cache::VolumeCache;
 use crate::scene::{Scene, SceneDesc};
 use crate::term::EdgeForm;
 use std::path::{Path, PathBuf};
@@ -30,7 +31,9 @@ pub struct Member {
 }
 
 impl Family {
+    /// The members read each VDB file once.
     pub fn file(path: &Path, defines: &[(String, String)], options: LoadOptions) -> Self {
+        let options = LoadOptions { volumes: Some(VolumeCache::default()), ..options };
         Family { path: path.into(), text: None, defines: defines.to_vec(), options }
     }
 

@@ -11,6 +11,7 @@ use super::parts::{
     GlowPart, LightKindPart, MediumPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart,
 };
 use super::transform::Mat4;
+use super::volume_cache::VolumeCache;
 use super::volumes::{Loading, load_vdb, load_vol};
 use super::{Film, Instance, Scene, Settings, arrays};
 use crate::error::{Error, Result, Warning, WarningKind};
@@ -48,6 +49,8 @@ const KAPPA_SHARE: f64 = 0.3;
 pub struct LoadOptions {
     pub repair_voxels: bool,
     pub orders: Orders,
+    /// What scenes of these options keep of their volume files for one another.
+    pub volumes: Option<VolumeCache>,
 }
 
 /// Which numbers of scatterings a picture shows.
@@ -406,12 +409,14 @@ fn glow(
 
 fn volume(v: &VolumePart<f64>, allowed: Allowed, options: &LoadOptions, warnings: &mut Vec<Warning>) -> Result<Volume> {
     let how = |to_world: &Mat4<f64>, span| Loading { to_world: to_world.affine(), allowed, span, options };
-    let grid = match v {
-        VolumePart::Constant(c) => return Ok(Volume::Constant(Rgb(*c))),
-        VolumePart::Vol { path, to_world, span, smooth } => load_vol(path, *smooth, how(to_world, span), warnings)?,
-        VolumePart::Vdb { file, to_world, span } => load_vdb(file, how(to_world, span), warnings)?,
-    };
-    Ok(Volume::Grid(Arc::new(grid)))
+    Ok(Volume::Grid(match (v, &options.volumes) {
+        (VolumePart::Constant(c), _) => return Ok(Volume::Constant(Rgb(*c))),
+        (VolumePart::Vol { path, to_world, span, smooth }, _) => {
+            Arc::new(load_vol(path, *smooth, how(to_world, span), warnings)?)
+        }
+        (VolumePart::Vdb { file, to_world, span }, None) => Arc::new(load_vdb(file, how(to_world, span), warnings)?),
+        (VolumePart::Vdb { file, to_world, span }, Some(kept)) => kept.vdb(file, how(to_world, span), warnings)?,
+    }))
 }
 
 fn surface(s: &SurfacePart<f64>, slot: &dyn Fn(Quantity) -> u32) -> Surface {

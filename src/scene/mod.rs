@@ -30,6 +30,7 @@ pub mod seeds;
 mod source;
 pub mod transform;
 pub mod value;
+pub mod volume_cache;
 pub mod volumes;
 pub mod voxels;
 pub mod xml;

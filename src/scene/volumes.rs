@@ -8,7 +8,7 @@ use crate::native::vdb::{self, Select};
 use std::path::{Path, PathBuf};
 
 /// What a scene says of an OpenVDB volume, but for its place.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct VdbFile {
     pub path: PathBuf,
     pub select: Select,
@@ -67,6 +67,11 @@ pub fn load_vol(path: &Path, smooth: bool, how: Loading, warnings: &mut Vec<Warn
 
 /// Leaf by leaf: OpenVDB's copy is gone before bricks are made.
 pub fn load_vdb(file: &VdbFile, how: Loading, warnings: &mut Vec<Warning>) -> Result<Grid> {
+    read_vdb(file, how, warnings).map(|read| read.0)
+}
+
+/// The grid, and the file's own transform of it: world from index space is `how.to_world` times that.
+pub(super) fn read_vdb(file: &VdbFile, how: Loading, warnings: &mut Vec<Warning>) -> Result<(Grid, DAffine3)> {
     let path = &file.path;
     let list = "`tyndall info FILE.vdb` lists what a file holds";
     let fail = |e: Error| Error::scene(how.span, e.to_string(), list);
@@ -109,7 +114,13 @@ pub fn load_vdb(file: &VdbFile, how: Loading, warnings: &mut Vec<Warning>) -> Re
     if repaired.total() > 0 {
         warnings.push(how.repaired(&title, repaired));
     }
-    builder.build().map_err(|e| Error::scene(how.span, format!("{title}: {e}"), "check its transform and size"))
+    let grid = builder.build().map_err(|e| unplaced(how.span, &title, &e))?;
+    Ok((grid, info.world_from_index))
+}
+
+/// The error of a grid that cannot be where a scene has it.
+pub(super) fn unplaced(span: &Span, title: &str, what: &str) -> Error {
+    Error::scene(span, format!("{title}: {what}"), "check its transform and size")
 }
 
 /// Distances become fog as OpenVDB's `sdfToFogVolume` has it: 0 outside of the surface and on it, rising with depth to 1 at the width

@@ -26,6 +26,8 @@ use std::time::{Duration, Instant};
 
 /// Rounds a stage.
 const ROUNDS: u64 = 32;
+/// Rounds that a first stage has at least, whatever the time: a variance needs them.
+const FEWEST: u64 = 8;
 /// A step whose bias is too large, and the next: the noise of differences grows faster than needed with anything smaller.
 const SMALLER: f64 = 0.7;
 /// Error over tolerance that samples are asked for; a little less than needed, since errors are estimates.
@@ -166,6 +168,29 @@ pub fn ours<'a>(view: View<'a>) -> impl Fn(&Member, &ParamSet, u64, u64, &Health
     }
 }
 
+/// The time that rounds have, and who hears how they go on.
+struct Watch<'a> {
+    until: Instant,
+    took: &'a mut dyn FnMut(Pace),
+}
+
+/// What the first of some rounds tells.
+enum Pace {
+    /// How long it was, and whether it is the very first.
+    Rounds(Duration, bool),
+    /// It was too long: there will be shorter ones.
+    Cut,
+}
+
+impl Watch<'_> {
+    /// Samples a pixel of rounds all of which fit, where not even the fewest of `spp` do. `one`: how long such a round was that began at `start`.
+    fn fitting(&self, spp: u64, one: Duration, start: Instant) -> Option<u64> {
+        let share = self.until.saturating_duration_since(start).as_secs_f64() / one.as_secs_f64();
+        let fewer = ((spp as f64 * share / ROUNDS as f64) as u64).max(1);
+        (share < FEWEST as f64 && fewer < spp).then_some(fewer)
+    }
+}
+
 /// An estimator's rounds so far, by pixel and by block, a layer each.
 struct Stock {
     pixels: Vec<Rounds>,
@@ -180,24 +205,33 @@ impl Stock {
         Stock { pixels: rounds.clone(), blocks: rounds, next: 0, seconds: 0.0 }
     }
 
-    /// 32 more rounds, which add this share of the samples so far. `took` hears how long the first of them was, and whether it is the very first.
+    /// 32 more rounds, or as many as there is time for: `first` samples a pixel each, then this share of the samples so far. First rounds are at least 8, shorter ones
+    /// where as many of `first` do not fit.
     fn grow(
         &mut self,
         blocks: &Blocks,
         first: u64,
         share: f64,
         mut run: impl FnMut(u64, u64) -> Result<Vec<Vec<f64>>>,
-        took: &mut dyn FnMut(Duration, bool),
+        watch: &mut Watch,
     ) -> Result<()> {
-        let begins = self.next == 0;
-        let spp = if begins { first } else { (self.spp() * share / ROUNDS as f64).round().max(1.0) as u64 };
-        let start = Instant::now();
-        for round in 0..ROUNDS {
+        let (begins, mut is_cut) = (self.next == 0, false);
+        let mut spp = if begins { first } else { (self.spp() * share / ROUNDS as f64).round().max(1.0) as u64 };
+        let least = if begins { FEWEST } else { 1 };
+        let (start, mut done) = (Instant::now(), 0);
+        while done < least || done < ROUNDS && Instant::now() < watch.until {
+            let before = Instant::now();
             let images = run(spp, self.next)?;
-            self.next += 1;
-            if round == 0 {
-                took(start.elapsed(), begins);
+            if done == 0 {
+                let one = before.elapsed();
+                let fitting = watch.fitting(spp, one, before).filter(|_| begins && !is_cut);
+                (watch.took)(if fitting.is_some() { Pace::Cut } else { Pace::Rounds(one, begins) });
+                if let Some(fewer) = fitting {
+                    (spp, is_cut) = (fewer, true);
+                    continue;
+                }
             }
+            (self.next, done) = (self.next + 1, done + 1);
             for ((image, p), b) in images.iter().zip(&mut self.pixels).zip(&mut self.blocks) {
                 p.push(image, spp as f64);
                 b.push(&blocks.means(image), spp as f64);
@@ -303,31 +337,30 @@ pub fn check(
     })
 }
 
-/// Tells how long the next rounds take, if that is long, or longer than the parameter has (the very first are done in any case).
-fn say_rounds(name: &str, one: Duration, begins: bool, deadline: Instant, say: &mut dyn FnMut(String)) {
-    let rest = one * (ROUNDS as u32 - 1);
-    let late = begins && rest >= Duration::from_secs(1) && Instant::now() + rest > deadline;
-    if late || rest >= QUIET {
-        let whatever = if late { ", are done whatever --max-time says" } else { "" };
-        say(format!("{name}: {} more rounds of one side, about {:.0} s{whatever}", ROUNDS - 1, rest.as_secs_f64()));
+/// Tells how long the next rounds take, if that is long, and what --max-time takes off.
+fn say_rounds(name: &str, pace: Pace, until: Instant, say: &mut dyn FnMut(String)) {
+    match pace {
+        Pace::Cut => say(format!("{name}: shorter rounds of one side, --max-time has no room for more")),
+        Pace::Rounds(one, begins) => {
+            let left =
+                until.saturating_duration_since(Instant::now()).max(one * if begins { FEWEST as u32 - 1 } else { 0 });
+            let rest = (one * (ROUNDS as u32 - 1)).min(left);
+            if rest >= QUIET {
+                say(format!("{name}: more rounds of one side, about {:.0} s", rest.as_secs_f64()));
+            }
+        }
     }
 }
 
 impl Bench<'_> {
-    fn more_of_ours(
-        &self,
-        over: Option<Interval>,
-        side: &mut Stock,
-        share: f64,
-        took: &mut dyn FnMut(Duration, bool),
-    ) -> Result<()> {
+    fn more_of_ours(&self, over: Option<Interval>, side: &mut Stock, share: f64, watch: &mut Watch) -> Result<()> {
         let seed = self.options.seed;
         let first = over.as_ref().map_or(self.first, |i| i.first);
         let run = |spp, round| match over {
             Some(interval) => interval.round(self.estimator, spp, seed, round, &self.health),
             None => (self.estimator)(&self.member, &self.params, spp, stream(seed, 1, round), &self.health),
         };
-        side.grow(&self.blocks, first, share, run, took)
+        side.grow(&self.blocks, first, share, run, watch)
     }
 
     fn begin<'b>(&'b self, k: usize, name: &'b str, say: &mut dyn FnMut(String)) -> Result<Trial<'b>> {
@@ -367,8 +400,11 @@ impl Bench<'_> {
         let [mut more_ours, mut more_theirs] = [&*ours, &*theirs].map(|s| f64::from(u8::from(s.next == 0)));
         loop {
             if more_ours > 0.0 {
-                let took = &mut |t, begins| say_rounds(name, t, begins, deadline, say);
-                match (self.more_of_ours(interval.as_deref().copied(), ours, more_ours, took), &mut interval) {
+                // Differences need some of the time, too.
+                let left = deadline.saturating_duration_since(Instant::now());
+                let until = if theirs.next == 0 { deadline - left / 2 } else { deadline };
+                let watch = &mut Watch { until, took: &mut |pace| say_rounds(name, pace, until, say) };
+                match (self.more_of_ours(interval.as_deref().copied(), ours, more_ours, watch), &mut interval) {
                     // Something is refused in the middle, where nobody had looked.
                     (Err(Error::Usage { .. }), Some(interval)) if o.step.is_none() && *generation < NARROWER => {
                         interval.step *= 0.5;
@@ -382,8 +418,8 @@ impl Bench<'_> {
                 }
             }
             if more_theirs > 0.0 {
-                let took = &mut |t, begins| say_rounds(name, t, begins, deadline, say);
-                self.more_of_theirs(difference, theirs, *generation, more_theirs, took)?;
+                let watch = &mut Watch { until: deadline, took: &mut |pace| say_rounds(name, pace, deadline, say) };
+                self.more_of_theirs(difference, theirs, *generation, more_theirs, watch)?;
             }
             // What one sample of a difference can be, by the brightest pixel.
             let event = ours.pixels[0].mean.iter().copied().fold(0.0, f64::max) / (2.0 * difference.step);
@@ -485,13 +521,13 @@ impl Bench<'_> {
         side: &mut Stock,
         generation: u64,
         share: f64,
-        took: &mut dyn FnMut(Duration, bool),
+        watch: &mut Watch,
     ) -> Result<()> {
         let run = |spp, round| {
             let seed = stream(self.options.seed, 2, round + (generation << 16));
             d.round(&self.view, spp, seed, &self.health)
         };
-        side.grow(&self.blocks, self.first, share, run, took)
+        side.grow(&self.blocks, self.first, share, run, watch)
     }
 
     /// By what share of its samples each side is to grow: the one whose next sample takes off more variance for what it costs, both where they are alike,

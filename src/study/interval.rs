@@ -21,6 +21,8 @@ use crate::render::health::Health;
 
 /// Strata of a first round.
 pub const STRATA: u64 = 4;
+/// Strata of the shortest: a pair that mirrors each other.
+const PAIR: f64 = 2.0;
 /// Samples of a stratum there, in first rounds of a difference: each is a run with a pilot of its own.
 pub const LONGER: u64 = 2;
 /// The golden ratio less 1: its multiples lie evenly in [0, 1), however many.
@@ -62,7 +64,7 @@ impl Interval<'_> {
         round: u64,
         health: &Health,
     ) -> Result<Vec<Vec<f64>>> {
-        let strata = (STRATA as f64 * (spp as f64 / self.first as f64).sqrt().max(1.0)).round() as u64;
+        let strata = (STRATA as f64 * (spp as f64 / self.first as f64).sqrt()).max(PAIR).round() as u64;
         let strata = strata.min(spp).max(1);
         let mut shifts = Rng::keyed(stream(seed, 4, 0), 0, 0, 0);
         let mut sums: Vec<Vec<f64>> = Vec::new();

@@ -238,3 +238,25 @@ fn the_command_tells_by_its_exit_code() {
     run(2, "check fog.xml --wrt albedo --sheet s.jpg");
     run(2, "check fog.xml --wrt albedo --terms everything");
 }
+
+/// A derivative too slow for its time is taken from shorter rounds, not at 64 samples a pixel whatever they take.
+#[test]
+fn rounds_fit_the_time() {
+    let family = Family::text(SCENE, &Path::new(env!("CARGO_MANIFEST_DIR")).join("check.xml"));
+    let terms = vec!["all".to_string()];
+    let view = View { sensor: 0, crop: [0, 0, 16, 16], terms: &terms, stop: None };
+    let options =
+        CheckOptions { seed: 5, max_time: Duration::from_secs(2), step: Some(0.1), ..CheckOptions::default() };
+    let ours = check::ours(view);
+    let slow = |member: &_, params: &_, spp, seed, health: &_| {
+        std::thread::sleep(Duration::from_millis(10 * spp));
+        ours(member, params, spp, seed, health)
+    };
+    let mut said = String::new();
+    let mut say = |s: String| said += &s;
+    let found = check::check(&family, view, &["albedo".to_string()], &options, &slow, &mut say);
+    let p = found.unwrap_or_else(|e| panic!("{e}")).parameters.swap_remove(0);
+    // First rounds, and one more look.
+    assert!(p.spp_ours < 300.0 && p.error_ours > 0.0 && p.error_differences > 0.0, "{} {}", p.spp_ours, p.error_ours);
+    assert!(p.verdict != Verdict::Fail && said.contains("shorter rounds"), "{said}");
+}

@@ -339,8 +339,8 @@ fn t9_isothermal_enclosure_cameras() {
     let what = [("cx", 0.02), ("aim", 0.02), ("fov", 4e-4)];
     // Thin: paths are shorter, and slides spread less.
     let thin = |sensor: &str| enclosure_of(0.35, 0.3, sensor);
-    isothermal(&thin(&camera(3.5, "")), &what, 1 << 12);
-    isothermal(&thin(&camera(1.65, IN_FOG)), &what, 1 << 12);
+    isothermal(&thin(&camera(3.5, "")), &what, 1 << 11);
+    isothermal(&thin(&camera(1.65, IN_FOG)), &what, 1 << 11);
     isothermal(&thin(ORTHOGRAPHIC), &[("cx", 0.02), ("aim", 0.02), ("zoom", 0.02)], 1 << 13);
 }
 
@@ -376,7 +376,7 @@ fn rigid_motion_of_everything_changes_nothing() {
         fog(r#"<float name="sigma_t" value="0.7"/><float name="albedo" value="0.8"/>"#),
         camera(3.5, "")
     );
-    nothing(&text, &[("sx", 0.02), ("spin", 4e-4)], 1 << 13);
+    nothing(&text, &[("sx", 0.02), ("spin", 4e-4)], 1 << 12);
 }
 
 /// A plane without features slides and turns in itself, in fog, under a lamp and a ball that hides part of it.

@@ -108,7 +108,7 @@ fn a_hard_spot_inside_the_fog() {
     let wide = |medium| {
         room(medium, SPOT, &at(0.85, 0.4)).replace(r#"<scale x="1.7" y="1.25" z="1.7"/>"#, r#"<scale value="3.6"/>"#)
     };
-    agree(&wide(HG), &[("lx", 0.05), ("swing", 3.0)], 2 * SPP);
+    agree(&wide(HG), &[("lx", 0.05), ("swing", 3.0)], SPP);
     // What scatters once hides the rest.
     agree_of(&wide(ISOTROPIC), Orders { first: 2, last: 3 }, &[("lx", 0.05), ("ly", 0.05)], 2 * SPP);
 }
@@ -156,7 +156,7 @@ fn a_block_under_a_lamp() {
 #[test]
 fn a_mesh_under_a_point_light() {
     let text = room(HG, POINT, &at(0.35, 1.2));
-    agree(&text, &[("mesh", 0.04), ("grow", 0.03)], 2 * SPP);
+    agree(&text, &[("mesh", 0.04), ("grow", 0.03)], SPP);
     // Its creases, and nothing of what scatters more and is noisy.
     agree_of(&text, Orders { first: 1, last: 1 }, &[("mesh", 0.04)], SPP);
 }
@@ -185,7 +185,7 @@ fn lamps_that_move_and_grow() {
 fn cameras_outside() {
     let what = [("cx", 0.04), ("aim", 0.04), ("fov", 0.2)];
     // The lamp's end is at the pixel's border: larger steps of fov are 20 % off.
-    agree(&room(HG, LAMP, &at(0.35, 1.25)), &what, 5 * SPP);
+    agree(&room(HG, LAMP, &at(0.35, 1.25)), &what, 3 * SPP);
     let what = [("aim", 0.04), ("zoom", 0.01)];
     agree(&room(ISOTROPIC, POINT, ORTHOGRAPHIC), &what, SPP / 4);
 }
@@ -193,7 +193,7 @@ fn cameras_outside() {
 #[test]
 fn cameras_inside() {
     let what = [("cx", 0.04), ("aim", 0.04), ("x", 0.04)];
-    agree(&room(HG, POINT, WITHIN), &what, 2 * SPP);
+    agree(&room(HG, POINT, WITHIN), &what, SPP);
 }
 
 #[test]

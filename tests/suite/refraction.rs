@@ -131,7 +131,7 @@ const SUN: &str = r#"<emitter type="directional" id="sun"><vector name="directio
 fn a_pond_in_motion_against_differences() {
     let moves = [("n", 0.02), ("h", 0.02), ("tilt", 1.0), ("cam", 0.02)];
     for (light, moves) in [(LAMP, &moves[..]), (SPOT, &moves[..1]), (SUN, &moves[..3])] {
-        against_differences(&pond(light), moves, &["all"], 1 << 13, 0.02);
+        against_differences(&pond(light), moves, &["all"], 1 << 12, 0.02);
     }
     // A mirror in place of the water, all below it.
     let glass = r#"<bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf>"#;
@@ -140,7 +140,7 @@ fn a_pond_in_motion_against_differences() {
         .replace(r#"name="z" value="1.1""#, r#"name="z" value="-0.15""#)
         .replace(glass, metal)
         .replace("$cam, 2.5", "$cam, -0.4");
-    against_differences(&mirror, &moves, &["all"], 1 << 13, 0.02);
+    against_differences(&mirror, &moves, &["all"], 1 << 12, 0.02);
 }
 
 /// The same under a pane of glass in the air, without the water: light that passes both of its faces, and what goes to and fro between them.
@@ -173,7 +173,7 @@ fn a_window_in_motion_against_differences() {
         [(LAMP, &moves[..], &own[..]), (SPOT, &moves[..1], &[turned]), (SUN, &moves[..2], &[turned])]
     {
         let all: Vec<_> = moves.iter().chain(own).copied().collect();
-        against_differences(&window(light), &all, &["all"], 1 << 13, 0.02);
+        against_differences(&window(light), &all, &["all"], 1 << 12, 0.02);
     }
 }
 
@@ -214,7 +214,7 @@ fn lights_over_a_pond_against_differences() {
     let place = [("x", 0.02), ("z", 0.02)];
     against_differences(&pond(LAMP), &place, &["all"], 1 << 13, 0.02);
     let all = [place[0], place[1], ("dx", 0.02), ("cut", 0.5), ("beam", 0.5)];
-    against_differences(&pond(SPOT), &all, &["all"], 1 << 13, 0.02);
+    against_differences(&pond(SPOT), &all, &["all"], 1 << 12, 0.02);
     against_differences(&pond(SUN), &[("dx", 0.02)], &["all"], 1 << 13, 0.02);
     // Through fog on both sides of the water, whose border it passes before and behind it.
     let across = pond(LAMP)
@@ -223,14 +223,14 @@ fn lights_over_a_pond_against_differences() {
     against_differences(&across, &[("x", 0.02), ("z", 0.02), ("n", 0.02)], &["all"], 1 << 13, 0.02);
     // From below, at the floor and the fog by way of the mirrored light as well.
     let below = pond(LAMP).replace(r#"name="z" value="1.1""#, r#"name="z" value="-0.15""#);
-    against_differences(&below, &place, &["all"], 1 << 13, 0.02);
+    against_differences(&below, &place, &["all"], 1 << 12, 0.02);
     let glass = r#"<bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf>"#;
     let metal = r#"<bsdf type="twosided"><bsdf type="conductor"/></bsdf>"#;
     let mirror = below
         .replace(glass, metal)
         .replace(r#"<default name="n" value="1.33"/>"#, "")
         .replace("$cam, 2.5", "$cam, -0.4");
-    against_differences(&mirror, &place, &["all"], 1 << 13, 0.02);
+    against_differences(&mirror, &place, &["all"], 1 << 12, 0.02);
 }
 
 /// Where indices are nearly alike the water is hardly there: the derivative is that of the light without it, which takes other ways through the program.

@@ -49,7 +49,7 @@ fn compare(text: &str, wrt: &[(&str, f64)], jumps: &[&str], spp: u64) {
 fn floor_under_a_block_against_differences() {
     let bodies = format!("{}{FLOOR}", block(""));
     let place = [("n", 0.01), ("x", 0.1), ("h", 0.02), ("tilt", 1.0), ("floor", 0.05), ("slope", 1.0), ("cam", 0.03)];
-    compare(&scene_of(ALL, 4, &bodies, LAMP), &place, &["n", "x", "h", "tilt"], 1 << 15);
+    compare(&scene_of(ALL, 4, &bodies, LAMP), &place, &["n", "x", "h", "tilt"], 1 << 14);
     compare(&scene_of(ALL, 4, &bodies, SPOT), &place[..2], &["n", "x"], 1 << 14);
     compare(&scene_of(ALL, 4, &bodies, SUN), &place[..2], &["n", "x"], 1 << 14);
     // Twice through the block.

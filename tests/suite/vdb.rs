@@ -245,3 +245,32 @@ fn colour_grids_and_level_sets_in_a_scene() {
     .to_string();
     assert!(e.contains("grid `density`: voxel") && e.contains("larger ones to 1"), "{e}");
 }
+
+/// Members of a family read a file once, also where the grid is moved: they need no file any more, and have the bits of a scene that read it anew.
+#[test]
+fn a_family_reads_a_file_once() {
+    use tyndall::render::family::Family;
+    let dir = tempfile::tempdir().unwrap();
+    let what = crate::common::small_vdb(&dir.path().join("a.vdb"), |p| 1.0 + 0.1 * (p.x + p.y * p.z).abs(), "density");
+    let path = dir.path().join("s.xml");
+    let scene = format!(
+        r#"<scene version="3.0.0"><integrator type="volpath"/><default name="x" value="0.1"/><default name="s" value="2"/><medium type="heterogeneous" id="m"><volume name="sigma_t" type="openvdb">{what}
+             <transform name="to_world"><rotate y="1" angle="20"/><translate x="$x"/></transform></volume><float name="scale" value="$s"/><float name="albedo" value="0.5"/></medium>
+           <sensor type="perspective"/><shape type="sphere"><float name="radius" value="2"/><bsdf type="null"/><ref name="interior" id="m"/></shape></scene>"#
+    );
+    std::fs::write(&path, scene).unwrap();
+    let moved: [&[(&str, f64)]; 3] = [&[], &[("s", 3.0)], &[("x", 0.37)]];
+    let fresh = moved.map(|values| Family::file(&path, &[], LoadOptions::default()).at(values).unwrap());
+    let family = Family::file(&path, &[], LoadOptions::default());
+    family.at(&[]).unwrap();
+    std::fs::remove_file(dir.path().join("a.vdb")).unwrap();
+    for (values, fresh) in moved.into_iter().zip(fresh) {
+        let kept = family.at(values).unwrap_or_else(|e| panic!("{e}"));
+        let mut rng = Rng::keyed(3, 0, 0, 0);
+        for _ in 0..1000 {
+            let p = DVec3::new(rng.uniform(), rng.uniform(), 0.9 + rng.uniform());
+            let [a, b] = [&kept, &fresh].map(|m| m.scene.media[0].coefficients(p).0);
+            assert!(a == b && a[0] > 0.0, "{values:?} at {p}: {a:?}, {b:?}");
+        }
+    }
+}

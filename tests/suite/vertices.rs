@@ -385,6 +385,7 @@ fn transforms_in_fog_are_sums_over_vertices() {
 
 /// A gem in fog, single vertices: its outline, its shadow through the fog, its faces.
 #[test]
+#[ignore = "make stress"]
 fn a_gem_in_fog() {
     let text = foggy(&room(r#"<translate y="0.8" z="0.1"/>"#, "", POINT), 0.5);
     let moves = [(0, DVec3::X, 0.03), (2, DVec3::Y, 0.03), (4, DVec3::new(0.6, 0.0, 0.8), 0.03)];

@@ -157,7 +157,7 @@ fn edges_of_a_block_of_glass() {
 #[test]
 fn vertices_behind_a_pane_look_past_edges() {
     against_differences(FOG, &[("x", 0.05), ("h", 0.05)], &["all"], 1 << 13, 0.02);
-    needs_the_room(FOG, "h", 0.05, 1 << 14);
+    needs_the_room(FOG, "h", 0.05, 1 << 13);
 }
 
 #[test]
@@ -194,7 +194,7 @@ fn a_ball_in_a_mirror_ball() {
 #[test]
 fn balls_behind_a_pane() {
     let what = [("ior", 0.02), ("x", 0.03), ("h", 0.03), ("cam", 0.03)];
-    against_differences(BALLS, &what, &["all"], 1 << 13, 0.02);
+    against_differences(BALLS, &what, &["all"], 1 << 12, 0.02);
     needs_the_room(BALLS, "ior", 0.02, 1 << 13);
     needs_the_room(BALLS, "h", 0.03, 1 << 13);
 }

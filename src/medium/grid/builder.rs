@@ -308,7 +308,7 @@ fn floor_div(x: i64) -> i64 {
     x.div_euclid(BRICK as i64)
 }
 
-fn inverse(m: DAffine3) -> Result<DAffine3, String> {
+pub(super) fn inverse(m: DAffine3) -> Result<DAffine3, String> {
     let inverse = m.inverse();
     if m.is_finite() && inverse.is_finite() {
         Ok(inverse)

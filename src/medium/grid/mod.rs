@@ -108,8 +108,7 @@ impl Grid {
     /// Gather bricks from the values of all node slots, channels interleaved.
     fn assemble(frame: Frame, layout: Arc<Layout>, values: impl Values) -> Grid {
         let origin = DVec3::from(frame.origin.map(f64::from));
-        let mut table_from_world = frame.index_from_world;
-        table_from_world.translation -= origin;
+        let table_from_world = table_from_world(&frame);
         let mut lo = DVec3::ZERO;
         let mut hi = DVec3::from(frame.dims.map(|n| (n * BRICK) as f64));
         if let Some((a, b)) = frame.clip {
@@ -129,6 +128,15 @@ impl Grid {
             return Err(format!("{} values given for a grid of {expected}", values.len()));
         }
         Ok(Grid::assemble(self.frame, self.layout.clone(), values))
+    }
+
+    /// The same field at another place. Errors if the transform cannot be inverted.
+    pub fn placed(&self, world_from_index: DAffine3) -> Result<Grid, String> {
+        let mut grid = self.clone();
+        grid.frame.world_from_index = world_from_index;
+        grid.frame.index_from_world = builder::inverse(world_from_index)?;
+        grid.table_from_world = table_from_world(&grid.frame);
+        Ok(grid)
     }
 
     pub fn channels(&self) -> usize {
@@ -310,6 +318,12 @@ impl Grid {
             std::array::from_fn(|c| covariant * mix_gradient(&corners::<3>(window, c), f.x, f.y, f.z))
         }
     }
+}
+
+fn table_from_world(frame: &Frame) -> DAffine3 {
+    let mut place = frame.index_from_world;
+    place.translation -= DVec3::from(frame.origin.map(f64::from));
+    place
 }
 
 /// The eight corner values of channel `c` of the cell whose window this is, z fastest.
