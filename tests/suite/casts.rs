@@ -56,8 +56,8 @@ fn light_in_a_block_against_differences() {
 fn light_behind_a_block_against_differences() {
     let clear = format!("{HAZE}{}", block(r#"<ref name="interior" id="haze"/><ref name="exterior" id="haze"/>"#));
     let high = LAMP.replace("2.2", "2.6");
-    compare(&scene_of(5, &clear, &high), &[("n", 0.05), ("x", 0.1), ("h", 0.05)], 1 << 13);
-    compare(&scene_of(5, &clear, SUN), &[("n", 0.05), ("x", 0.1), ("h", 0.05)], 1 << 13);
+    compare(&scene_of(5, &clear, &high), &[("n", 0.05), ("x", 0.1), ("h", 0.05)], 1 << 14);
+    compare(&scene_of(5, &clear, SUN), &[("n", 0.05), ("x", 0.1), ("h", 0.05)], 1 << 14);
 }
 
 /// A prism as a mesh, whose facets lie in one plane in part.

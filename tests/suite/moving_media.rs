@@ -376,7 +376,7 @@ fn rigid_motion_of_everything_changes_nothing() {
         fog(r#"<float name="sigma_t" value="0.7"/><float name="albedo" value="0.8"/>"#),
         camera(3.5, "")
     );
-    nothing(&text, &[("sx", 0.02), ("spin", 4e-4)], 1 << 12);
+    nothing(&text, &[("sx", 0.02), ("spin", 4e-4)], 1 << 13);
 }
 
 /// A plane without features slides and turns in itself, in fog, under a lamp and a ball that hides part of it.

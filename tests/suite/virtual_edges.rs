@@ -157,7 +157,7 @@ fn edges_of_a_block_of_glass() {
 #[test]
 fn vertices_behind_a_pane_look_past_edges() {
     against_differences(FOG, &[("x", 0.05), ("h", 0.05)], &["all"], 1 << 13, 0.02);
-    needs_the_room(FOG, "h", 0.05, 1 << 13);
+    needs_the_room(FOG, "h", 0.05, 1 << 14);
 }
 
 #[test]
