@@ -53,7 +53,7 @@ pub struct CheckArgs {
     /// Samples a pixel of derivative and difference, at most; 32 rounds of one are done in any case
     #[arg(long, value_name = "N", default_value_t = 1 << 20, value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
     max_spp: u64,
-    /// Time for all parameters, e.g. 90s, 5m, 1h; the first 32 rounds of either side are done in any case
+    /// Time for all parameters, e.g. 90s, 5m, 1h; the search for a step, and 8 short rounds of either side, are done in any case
     #[arg(long, value_name = "TIME", default_value = "30m", value_parser = duration)]
     max_time: Duration,
     /// Side of a block in pixels
@@ -143,7 +143,7 @@ impl CheckArgs {
         self.report(&found, &setup, log)?;
         if found.seconds > 1.1 * self.max_time.as_secs_f64() {
             log.warn(format!(
-                "this took {}, longer than --max-time: the search for a step and 8 rounds of either side are done in any case; fewer parameters, --step or --crop make them shorter",
+                "this took {}, longer than --max-time: the search for a step, a round of full length and 8 shorter ones of either side are done in any case; fewer parameters, --step or --crop make them shorter",
                 format::time(found.seconds)
             ));
         }

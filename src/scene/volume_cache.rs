@@ -1,4 +1,6 @@
 //! OpenVDB grids that were read already: the many members of a study or a fit share them.
+//!
+//! Each use of a file (what it selects, which values it allows) stays as long as the family does: a fit of voxels holds the file's own grid beside those it makes.
 
 use super::volumes::{Loading, VdbFile, read_vdb, unplaced};
 use crate::error::{Result, Warning};
@@ -25,13 +27,14 @@ struct Kept {
 }
 
 impl VolumeCache {
-    /// The grid at its place, read if it is not known. The same one wherever it does not move: only a moved one is copied.
+    /// The grid at its place, read if it is not known: the same one at the place where it was read, a copy at any other.
     pub(super) fn vdb(&self, file: &VdbFile, how: Loading, warnings: &mut Vec<Warning>) -> Result<Arc<Grid>> {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let repair_voxels = how.options.repair_voxels;
         let is_this = |k: &&Kept| k.file == *file && k.allowed == how.allowed && k.repair_voxels == repair_voxels;
         if let Some(kept) = all.iter().find(is_this) {
-            warnings.extend_from_slice(&kept.warnings);
+            // The file may be named at several places of a scene.
+            warnings.extend(kept.warnings.iter().map(|w| Warning { span: how.span.clone(), ..w.clone() }));
             if kept.to_world == how.to_world {
                 return Ok(kept.grid.clone());
             }

@@ -7,7 +7,7 @@
 //! Rounds of both estimators, with seeds of their own, are compared over blocks (the verdict) and over pixels (counts).
 //! Samples are doubled where that takes off most for what it costs (or grow by what is still needed, or by what the time allows) until the comparison is sharp enough or disagreement is certain:
 //!
-//! - fail: significant over blocks ([`Agreement`]), at two numbers of samples in a row or at the last;
+//! - fail: significant over blocks ([`Agreement`]), at two numbers of samples in a row or at the last (if that is as many as first rounds have where there is time);
 //! - pass: not significant, and the combined standard error of blocks, step bias included, is on average at most the tolerance times
 //!   mean |d| over blocks; also where both are exactly 0;
 //! - undecided: time or samples were over before.
@@ -171,6 +171,8 @@ pub fn ours<'a>(view: View<'a>) -> impl Fn(&Member, &ParamSet, u64, u64, &Health
 /// The time that rounds have, and who hears how they go on.
 struct Watch<'a> {
     until: Instant,
+    /// Samples a pixel that a round has at least, however short the time.
+    least: u64,
     took: &'a mut dyn FnMut(Pace),
 }
 
@@ -183,11 +185,11 @@ enum Pace {
 }
 
 impl Watch<'_> {
-    /// Samples a pixel of rounds all of which fit, where not even the fewest of `spp` do. `one`: how long such a round was that began at `start`.
-    fn fitting(&self, spp: u64, one: Duration, start: Instant) -> Option<u64> {
-        let share = self.until.saturating_duration_since(start).as_secs_f64() / one.as_secs_f64();
-        let fewer = ((spp as f64 * share / ROUNDS as f64) as u64).max(1);
-        (share < FEWEST as f64 && fewer < spp).then_some(fewer)
+    /// Samples a pixel of rounds all of which fit, where not even the fewest of `spp` did. `one`: how long such a round was, which is over and lost.
+    fn fitting(&self, spp: u64, one: Duration) -> Option<u64> {
+        let share = self.until.saturating_duration_since(Instant::now()).as_secs_f64() / one.as_secs_f64();
+        let fewer = ((spp as f64 * share / ROUNDS as f64) as u64).max(self.least);
+        (share < (FEWEST - 1) as f64 && fewer < spp).then_some(fewer)
     }
 }
 
@@ -218,16 +220,17 @@ impl Stock {
         let (begins, mut is_cut) = (self.next == 0, false);
         let mut spp = if begins { first } else { (self.spp() * share / ROUNDS as f64).round().max(1.0) as u64 };
         let least = if begins { FEWEST } else { 1 };
-        let (start, mut done) = (Instant::now(), 0);
+        let (mut start, mut done) = (Instant::now(), 0);
         while done < least || done < ROUNDS && Instant::now() < watch.until {
             let before = Instant::now();
             let images = run(spp, self.next)?;
             if done == 0 {
                 let one = before.elapsed();
-                let fitting = watch.fitting(spp, one, before).filter(|_| begins && !is_cut);
+                let fitting = watch.fitting(spp, one).filter(|_| begins && !is_cut);
                 (watch.took)(if fitting.is_some() { Pace::Cut } else { Pace::Rounds(one, begins) });
                 if let Some(fewer) = fitting {
-                    (spp, is_cut) = (fewer, true);
+                    // What was lost says nothing of what more samples take.
+                    (spp, is_cut, start) = (fewer, true, Instant::now());
                     continue;
                 }
             }
@@ -391,6 +394,7 @@ impl Bench<'_> {
         let deadline = start + time;
         let Trial { k, at, over, side, rungs, difference, theirs, generation, suspicious, seconds } = trial;
         let (side, name) = (*side, at.name);
+        let least = (LEAST as u64 / FEWEST).div_ceil(self.view.pixels() as u64);
         // The derivative's rounds, and its layer there.
         let (mut interval, ours, layer) = match over {
             Some((interval, own)) => (Some(interval), own, 1),
@@ -403,7 +407,7 @@ impl Bench<'_> {
                 // Differences need some of the time, too.
                 let left = deadline.saturating_duration_since(Instant::now());
                 let until = if theirs.next == 0 { deadline - left / 2 } else { deadline };
-                let watch = &mut Watch { until, took: &mut |pace| say_rounds(name, pace, until, say) };
+                let watch = &mut Watch { until, least, took: &mut |pace| say_rounds(name, pace, until, say) };
                 match (self.more_of_ours(interval.as_deref().copied(), ours, more_ours, watch), &mut interval) {
                     // Something is refused in the middle, where nobody had looked.
                     (Err(Error::Usage { .. }), Some(interval)) if o.step.is_none() && *generation < NARROWER => {
@@ -418,7 +422,8 @@ impl Bench<'_> {
                 }
             }
             if more_theirs > 0.0 {
-                let watch = &mut Watch { until: deadline, took: &mut |pace| say_rounds(name, pace, deadline, say) };
+                let took = &mut |pace| say_rounds(name, pace, deadline, say);
+                let watch = &mut Watch { until: deadline, least, took };
                 self.more_of_theirs(difference, theirs, *generation, more_theirs, watch)?;
             }
             // What one sample of a difference can be, by the brightest pixel.
@@ -438,7 +443,10 @@ impl Bench<'_> {
                 100.0 * bias / blocks.mean_abs,
                 blocks.max_z
             ));
-            let sharp = blocks.relative_error <= o.tolerance;
+            // Less than first rounds have where there is time: what is rare may not have been met.
+            let firsts = [interval.as_deref().map_or(self.first, |i| i.first), self.first];
+            let is_short = [&*ours, &*theirs].iter().zip(firsts).any(|(s, first)| s.spp() < (ROUNDS * first) as f64);
+            let sharp = blocks.relative_error <= o.tolerance && !(is_short && blocks.relative_error == 0.0);
             let certain = blocks.significant && *suspicious;
             // An unexpected difference wants a second look at twice the samples.
             let goal = if blocks.significant { 0.0 } else { AIM * o.tolerance * blocks.mean_abs / blocks.error };
@@ -447,7 +455,7 @@ impl Bench<'_> {
             let verdict = match (certain, sharp && !blocks.significant, next) {
                 (true, ..) => Some(Verdict::Fail),
                 (_, true, _) => Some(Verdict::Pass),
-                (_, _, None) if blocks.significant => Some(Verdict::Fail),
+                (_, _, None) if blocks.significant && !is_short => Some(Verdict::Fail),
                 (_, _, None) => Some(Verdict::Undecided),
                 _ => None,
             };

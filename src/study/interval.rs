@@ -21,7 +21,7 @@ use crate::render::health::Health;
 
 /// Strata of a first round.
 pub const STRATA: u64 = 4;
-/// Strata of the shortest: a pair that mirrors each other.
+/// Strata of a shorter round: a pair that mirrors each other.
 const PAIR: f64 = 2.0;
 /// Samples of a stratum there, in first rounds of a difference: each is a run with a pilot of its own.
 pub const LONGER: u64 = 2;
