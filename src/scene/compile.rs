@@ -409,14 +409,17 @@ fn glow(
 
 fn volume(v: &VolumePart<f64>, allowed: Allowed, options: &LoadOptions, warnings: &mut Vec<Warning>) -> Result<Volume> {
     let how = |to_world: &Mat4<f64>, span| Loading { to_world: to_world.affine(), allowed, span, options };
-    Ok(Volume::Grid(match (v, &options.volumes) {
-        (VolumePart::Constant(c), _) => return Ok(Volume::Constant(Rgb(*c))),
-        (VolumePart::Vol { path, to_world, span, smooth }, _) => {
+    let grid = match v {
+        VolumePart::Constant(c) => return Ok(Volume::Constant(Rgb(*c))),
+        VolumePart::Vol { path, to_world, span, smooth } => {
             Arc::new(load_vol(path, *smooth, how(to_world, span), warnings)?)
         }
-        (VolumePart::Vdb { file, to_world, span }, None) => Arc::new(load_vdb(file, how(to_world, span), warnings)?),
-        (VolumePart::Vdb { file, to_world, span }, Some(kept)) => kept.vdb(file, how(to_world, span), warnings)?,
-    }))
+        VolumePart::Vdb { file, to_world, span } => match &options.volumes {
+            Some(kept) => kept.vdb(file, how(to_world, span), warnings)?,
+            None => Arc::new(load_vdb(file, how(to_world, span), warnings)?),
+        },
+    };
+    Ok(Volume::Grid(grid))
 }
 
 fn surface(s: &SurfacePart<f64>, slot: &dyn Fn(Quantity) -> u32) -> Surface {

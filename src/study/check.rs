@@ -9,7 +9,7 @@
 //!
 //! - fail: significant over blocks ([`Agreement`]), at two numbers of samples in a row or at the last (if that is as many as first rounds have where there is time);
 //! - pass: not significant, and the combined standard error of blocks, step bias included, is on average at most the tolerance times
-//!   mean |d| over blocks; also where both are exactly 0;
+//!   mean |d| over blocks; also where both are exactly 0 (from as many samples);
 //! - undecided: time or samples were over before.
 
 use super::agreement::{Agreement, leeway, scores};

@@ -239,23 +239,29 @@ fn the_command_tells_by_its_exit_code() {
     run(2, "check fog.xml --wrt albedo --terms everything");
 }
 
-/// A derivative too slow for its time is taken from shorter rounds, not at 64 samples a pixel whatever they take.
+/// A derivative too slow for its time is taken from shorter rounds, not at 64 samples a pixel whatever they take; two sides of 0 are no pass then.
 #[test]
 fn rounds_fit_the_time() {
-    let family = Family::text(SCENE, &Path::new(env!("CARGO_MANIFEST_DIR")).join("check.xml"));
+    let idle = r#"<default name="idle" value="1"/><medium type="homogeneous" id="nowhere"><float name="sigma_t" value="$idle"/></medium><default"#;
+    let text = SCENE.replacen("<default", idle, 1);
+    let family = Family::text(&text, &Path::new(env!("CARGO_MANIFEST_DIR")).join("check.xml"));
     let terms = vec!["all".to_string()];
     let view = View { sensor: 0, crop: [0, 0, 16, 16], terms: &terms, stop: None };
-    let options =
-        CheckOptions { seed: 5, max_time: Duration::from_secs(2), step: Some(0.1), ..CheckOptions::default() };
     let ours = check::ours(view);
     let slow = |member: &_, params: &_, spp, seed, health: &_| {
         std::thread::sleep(Duration::from_millis(10 * spp));
         ours(member, params, spp, seed, health)
     };
     let mut said = String::new();
-    let mut say = |s: String| said += &s;
-    let found = check::check(&family, view, &["albedo".to_string()], &options, &slow, &mut say);
-    let p = found.unwrap_or_else(|e| panic!("{e}")).parameters.swap_remove(0);
+    let mut run = |name: &str, seconds: u64, estimator: &check::Estimator| {
+        let max_time = Duration::from_secs(seconds);
+        let options = CheckOptions { seed: 5, max_time, step: Some(0.1), ..CheckOptions::default() };
+        let found = check::check(&family, view, &[name.to_string()], &options, estimator, &mut |s| said += &s);
+        found.unwrap_or_else(|e| panic!("{e}")).parameters.swap_remove(0)
+    };
+    assert_eq!(run("idle", 60, &ours).verdict, Verdict::Pass);
+    assert_eq!(run("idle", 2, &slow).verdict, Verdict::Undecided);
+    let p = run("albedo", 2, &slow);
     // First rounds, and one more look.
     assert!(p.spp_ours < 300.0 && p.error_ours > 0.0 && p.error_differences > 0.0, "{} {}", p.spp_ours, p.error_ours);
     assert!(p.verdict != Verdict::Fail && said.contains("shorter rounds"), "{said}");

@@ -6,6 +6,7 @@ use tyndall::math::rng::Rng;
 use tyndall::math::{DAffine3, DMat3, DVec3};
 use tyndall::medium::grid::{Allowed, Grid};
 use tyndall::native::vdb::{self, Leaf, Select, Tile, WriteGrid};
+use tyndall::render::family::Family;
 use tyndall::scene::compile::LoadOptions;
 use tyndall::scene::volumes::{Loading, VdbFile, load_vdb};
 
@@ -249,7 +250,6 @@ fn colour_grids_and_level_sets_in_a_scene() {
 /// Members of a family read a file once, also where the grid is moved: they do not see what becomes of it, and have the bits of a scene that read it anew.
 #[test]
 fn a_family_reads_a_file_once() {
-    use tyndall::render::family::Family;
     let dir = tempfile::tempdir().unwrap();
     let what = crate::common::small_vdb(&dir.path().join("a.vdb"), |p| 1.0 + 0.1 * (p.x + p.y * p.z).abs(), "density");
     let path = dir.path().join("s.xml");
