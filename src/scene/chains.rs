@@ -7,6 +7,7 @@
 //!
 //! Beams are followed here where a chain has a mesh's facet; other chains are [`super::beams`]'s.
 
+use super::bodies::{self, Bodies};
 use super::reach::Reach;
 use super::{Instance, Scene, beams};
 use crate::light::{Light, LightKind, Origin};
@@ -122,6 +123,8 @@ pub struct Chain {
 pub struct Chains {
     pub faces: Vec<Face>,
     pub list: Vec<Chain>,
+    /// Those that light may be in.
+    pub bodies: Bodies,
     /// What they send on.
     reach: Reach,
     /// Some were left out: there are too many.
@@ -166,7 +169,7 @@ pub fn has_flat_faces(s: &Instance) -> bool {
 
 /// What light may do at a shape's faces.
 #[derive(Clone, Copy)]
-struct Body {
+struct Sense {
     /// It has an inside; the front of its faces is that.
     is_closed: bool,
     is_turned: bool,
@@ -175,7 +178,7 @@ struct Body {
 struct Search<'a> {
     scene: &'a Scene,
     /// Of every shape.
-    bodies: Vec<Body>,
+    senses: Vec<Sense>,
     /// Balls of faces.
     near: BallTree,
     /// Pencils behind the chains found.
@@ -189,6 +192,7 @@ struct Way {
     links: SmallVec<[Link; MOST]>,
     /// Closed shapes that it is in.
     inside: SmallVec<[u32; 2]>,
+    within: bodies::Set,
     /// Reflections at glass that are not total, and those that are.
     weak: u32,
     total: u32,
@@ -218,8 +222,10 @@ impl Search<'_> {
     fn meets(&self, way: &Way, from: Origin<f64>, k: u32, front: bool) -> bool {
         let f = &self.found.faces[k as usize];
         let sign = if front { 1.0 } else { -1.0 };
-        let body = self.bodies[f.shape as usize];
-        if body.is_closed && way.inside.contains(&f.shape) != (front == body.is_turned) {
+        let sense = self.senses[f.shape as usize];
+        if sense.is_closed && way.inside.contains(&f.shape) != (front == sense.is_turned)
+            || !self.found.bodies.may_meet(f.shape, way.within)
+        {
             return false;
         }
         let Some(link) = way.links.last() else { return sign * height(from, f.p, f.n) > 0.0 };
@@ -261,10 +267,11 @@ impl Search<'_> {
             let total = n1 < n0 && arrives.turns_from(across, (n1 / n0).asin());
             (next.weak, next.total) = (next.weak + u32::from(!total), next.total + u32::from(total));
         }
-        let body = self.bodies[face.shape as usize];
-        if body.is_closed && through {
-            let enters = front != body.is_turned;
+        let sense = self.senses[face.shape as usize];
+        if sense.is_closed && through {
+            let enters = front != sense.is_turned;
             if enters { next.inside.push(face.shape) } else { next.inside.retain(|s| *s != face.shape) }
+            next.within ^= self.found.bodies.of(face.shape);
         }
         next.links.push(link);
         next.pencil = Some(Pencil::new(face.center, face.radius, behind));
@@ -295,7 +302,8 @@ impl Search<'_> {
     fn all(&mut self, id: u32, from: Origin<f64>, longest: usize, share: f64) {
         let light = &self.scene.lights[id as usize];
         let inside = self.holders(light);
-        let begin = Way { links: SmallVec::new(), inside, weak: 0, total: 0, pencil: None, by_facets: false };
+        let within = inside.iter().fold(0, |set, s| set | self.found.bodies.of(*s));
+        let begin = Way { links: SmallVec::new(), inside, within, weak: 0, total: 0, pencil: None, by_facets: false };
         let is_beam = matches!(light.kind, LightKind::Beam { .. });
         // By reflections at glass, then by faces.
         let mut open: BTreeMap<(u32, usize), VecDeque<Way>> = BTreeMap::from([((0, 0), VecDeque::from([begin]))]);
@@ -430,23 +438,24 @@ impl Scene {
             }
             found.faces.extend((0..n).filter_map(|f| face(id, &s.shape, f)));
         }
-        let body = |s: &Instance| match &s.shape {
+        found.bodies = Bodies::new(&self.shapes, &found.faces, |s| smooth(s), SLACK * self.bounds.radius());
+        let sense = |s: &Instance| match &s.shape {
             Shape::Mesh(m) => {
                 let t = m.topology();
                 // Of several parts one may be in another, or turned against it.
                 let is_body = t.is_closed() && t.is_consistently_oriented() && t.pieces(&m.faces) == 1;
-                Body { is_closed: is_body, is_turned: t.is_inside_out() }
+                Sense { is_closed: is_body, is_turned: t.is_inside_out() }
             }
             flat => {
                 let p = flat.position(0, DVec2::splat(0.25));
                 let is_turned = flat.normal(0, p).dot(p - flat.bounds().center()) < 0.0;
-                Body { is_closed: flat.is_closed(), is_turned }
+                Sense { is_closed: flat.is_closed(), is_turned }
             }
         };
         let ball = |f: &Face| Ball { center: f.center, radius: f.radius };
         let near = BallTree::new(found.faces.iter().map(ball).collect());
-        let bodies = self.shapes.iter().map(body).collect();
-        let mut search = Search { scene: self, bodies, near, pencils: Vec::new(), found };
+        let senses = self.shapes.iter().map(sense).collect();
+        let mut search = Search { scene: self, senses, near, pencils: Vec::new(), found };
         search.found.touching = search.touch();
         let longest = (self.settings.max_depth.saturating_sub(2) as usize).min(MOST);
         for &(id, from) in &sources {

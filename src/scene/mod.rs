@@ -5,6 +5,7 @@ mod around;
 pub mod arrays;
 pub mod balls;
 pub mod beams;
+pub mod bodies;
 pub mod bright;
 pub mod chains;
 pub mod columns;

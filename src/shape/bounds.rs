@@ -48,6 +48,13 @@ impl Bounds {
         self.min + (self.max - self.min) * 0.5
     }
 
+    pub fn corners(&self) -> [DVec3; 8] {
+        std::array::from_fn(|k| {
+            let pick = |axis: usize| if k >> axis & 1 == 0 { self.min[axis] } else { self.max[axis] };
+            DVec3::new(pick(0), pick(1), pick(2))
+        })
+    }
+
     pub fn size(&self) -> DVec3 {
         self.max - self.min
     }

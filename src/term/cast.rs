@@ -13,7 +13,7 @@
 //!
 //! Where two faces in turn share an edge, light passes both at one point of it: such a border is the first one's alone.
 
-use super::cast_sheet::{self, Bodies, Sheet, count, of_light};
+use super::cast_sheet::{self, Sheet, around, count, of_light};
 use super::cast_trace::Traces;
 use super::interfaces::{self, FACETS};
 use super::sheet::Partials;
@@ -26,10 +26,11 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::params::{Partial, Slot};
 use crate::phase::one_minus_cos;
+use crate::scene::bodies::is_convex;
 use crate::scene::chains::{Link, has_flat_faces};
 use crate::scene::{Instance, On, Scene, effort};
 use crate::sensor::Sensor;
-use crate::shape::{Geometry, Shape, TriangleMesh};
+use crate::shape::{Geometry, Shape};
 use crate::transport::Tally;
 use crate::transport::motion::Moving;
 
@@ -42,7 +43,6 @@ const SHEETS: usize = 1 << 18;
 
 pub struct Casts {
     ended: Ended,
-    bodies: Bodies,
     traces: Option<Traces>,
 }
 
@@ -115,18 +115,6 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
 
 /// What would make borders more than can be told: to be asked where they are known ([`are_known`]).
 pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
-    let is_smooth = |s: &&Instance| scene.surfaces[s.surface as usize].is_smooth();
-    let smooth: Vec<&Instance> = scene.shapes.iter().filter(is_smooth).collect();
-    for (i, a) in smooth.iter().enumerate() {
-        if let Some(b) = smooth[i + 1..].iter().find(|b| a.shape.bounds().gap(&b.shape.bounds()) == 0.0) {
-            let what = format!(
-                "`{}` and `{}` mirror or refract and may meet: where light without extent ends there cannot be told yet",
-                a.name, b.name
-            );
-            let remedy = "keep them apart, so that the boxes around them (along the axes) do not meet; one within another cannot be differentiated yet";
-            return Err(Error::scene(&b.span, what, remedy));
-        }
-    }
     let is_smooth = |k: u32| scene.surface_of(k).is_smooth();
     if let Some(&(a, b)) = motion.crossed.iter().find(|&&(a, b)| is_smooth(a) || is_smooth(b)) {
         let [a, b] = [a, b].map(|k| &scene.shapes[k as usize]);
@@ -149,29 +137,17 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
             "leave a gap between them (a ten-thousandth of their size is enough), or let whole edges meet",
         ));
     }
-    let bodies = Bodies::new(scene);
     let delta = (0..scene.lights.len() as u32).filter(|&id| scene.lights[id as usize].is_delta());
-    let sheets: usize = delta.map(|id| count(scene, &bodies, id)).sum();
+    let sheets: usize = delta.map(|id| count(scene, id)).sum();
     if sheets > SHEETS {
-        let span = &smooth[0].span;
+        let first = &scene.shapes[scene.chains.faces[0].shape as usize];
         let what = format!(
             "light without extent ends at the borders of `{}` and others in {sheets} ways, more than {SHEETS}: too many to differentiate",
-            smooth[0].name
+            first.name
         );
-        return Err(Error::scene(span, what, "use fewer faces, or a smaller max_depth"));
+        return Err(Error::scene(&first.span, what, "use fewer faces, or a smaller max_depth"));
     }
     Ok(())
-}
-
-/// Whether it is closed, and no vertex lies before any of its faces.
-fn is_convex(m: &TriangleMesh, slack: f64) -> bool {
-    let behind = |f: u32| {
-        let ([a, b, c], turned) = (m.corners(f), if m.topology().is_inside_out() { -1.0 } else { 1.0 });
-        let n = (b - a).cross(c - a).normalize_or_zero() * turned;
-        m.vertices.iter().all(|v| n.dot(*v - a) <= slack)
-    };
-    let t = m.topology();
-    t.is_closed() && t.is_consistently_oriented() && (0..m.faces.len() as u32).all(behind)
 }
 
 impl Casts {
@@ -188,12 +164,11 @@ impl Casts {
         let slots: Vec<Option<Slot>> = scene.lights.iter().zip(&motion.lights).map(slot).collect();
         let moves = |id: usize| motion.surfaces() || slots[id].is_some();
         let lights = scene.lights.iter().enumerate().filter(|(id, l)| l.is_delta() && moves(*id));
-        let bodies = Bodies::new(scene);
-        let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, &bodies, id as u32)).collect();
+        let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, id as u32)).collect();
         sheets.sort_by(|a, b| b.asked.total_cmp(&a.asked));
         let ended = Ended::new(scene, &motion.moving, sheets, slots);
         let traces = Traces::prepare(scene, sensor, margin, &ended);
-        (!ended.sheets.is_empty()).then_some(Casts { ended, bodies, traces })
+        (!ended.sheets.is_empty()).then_some(Casts { ended, traces })
     }
 
     /// Whether any of them ends on something that scatters.
@@ -225,7 +200,7 @@ impl Casts {
             emit(&Sample { film, flux, partials: partials.as_slice(), film_per_sheet: 1.0, outward: 0.0 });
         };
         spans::each(cx, &rec.0, &starts, &mut |walked, moves| {
-            let within = self.bodies.around(&walked.span);
+            let within = around(cx.scene, &walked.span);
             // One of 1/asked each.
             let mut next = chosen.uniform();
             for sheet in &self.ended.sheets {

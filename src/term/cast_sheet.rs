@@ -11,6 +11,7 @@ use crate::math::fold::Fold;
 use crate::math::root::{dip, root};
 use crate::math::{DVec3, Rgb};
 use crate::scene::beams::Step;
+use crate::scene::bodies::Set;
 use crate::scene::chains::{Face, Link, MOST};
 use crate::scene::{Hit, Instance, On, Scene};
 use crate::shape::Geometry;
@@ -44,8 +45,8 @@ pub struct Sheet {
     pub at: usize,
     between: bool,
     pub border: Border,
-    /// Bodies that its rays are in, a bit each.
-    pub within: u64,
+    /// Bodies that its rays are in.
+    pub within: Set,
     /// Rays over stretches of the border, at its places in order.
     pieces: Vec<Vec<(f64, Ray)>>,
 }
@@ -104,44 +105,10 @@ pub struct Met {
     pub w: DVec3,
 }
 
-/// Convex bodies of glass, as planes: points and normals to the outside.
-pub struct Bodies(Vec<(u32, Vec<[DVec3; 2]>)>);
-
-impl Bodies {
-    /// The first 64: of others nothing is told.
-    pub fn new(scene: &Scene) -> Bodies {
-        let closed =
-            (0..).zip(&scene.shapes).filter(|(id, s)| scene.surface_of(*id).is_smooth() && s.shape.is_closed());
-        let planes = |id: u32| {
-            let faces = || scene.chains.faces.iter().filter(|f| f.shape == id);
-            let c = faces().map(|f| f.p).sum::<DVec3>() / faces().count().max(1) as f64;
-            faces().map(|f| [f.p, if f.n.dot(f.p - c) < 0.0 { -f.n } else { f.n }]).collect()
-        };
-        Bodies(closed.take(64).map(|(id, _)| (id, planes(id))).collect())
-    }
-
-    /// Those that hold a point.
-    fn holding(&self, p: DVec3) -> u64 {
-        let holds = |planes: &[[DVec3; 2]]| planes.iter().all(|[o, n]| n.dot(p - *o) < 0.0);
-        self.0.iter().enumerate().filter(|(_, b)| holds(&b.1)).fold(0, |set, (k, _)| set | 1 << k)
-    }
-
-    /// Those that a span lies in: it ends at what is smooth.
-    pub fn around(&self, span: &MediumSpan) -> u64 {
-        let t = if span.t1.is_finite() { 0.5 * (span.t0 + span.t1) } else { f64::MAX.sqrt() };
-        self.holding(span.o + span.w * t)
-    }
-
-    /// Whether light that comes from within the bodies `holding` may meet a face: of others only from outside.
-    fn are_met(&self, f: &Face, from: Origin<f64>, holding: u64) -> bool {
-        let Some(k) = self.0.iter().position(|b| b.0 == f.shape).filter(|k| holding >> k & 1 == 0) else { return true };
-        let inner = self.0[k].1.iter().map(|x| x[0]).sum::<DVec3>() / self.0[k].1.len() as f64;
-        f.is_before(from) == ((inner - f.p).dot(f.n) < 0.0)
-    }
-
-    fn bit(&self, shape: u32) -> u64 {
-        self.0.iter().position(|b| b.0 == shape).map_or(0, |k| 1 << k)
-    }
+/// The bodies that a span lies in: it ends at what is smooth.
+pub fn around(scene: &Scene, span: &MediumSpan) -> Set {
+    let t = if span.t1.is_finite() { 0.5 * (span.t0 + span.t1) } else { f64::MAX.sqrt() };
+    scene.chains.bodies.holding(span.o + span.w * t)
 }
 
 /// Steps, each with where it is taken.
@@ -151,13 +118,14 @@ type Taken = SmallVec<[(Step, DVec3); MOST]>;
 type Way = (SmallVec<[Link; MOST]>, f64);
 
 /// All ways of a light, and the bodies that it is in.
-fn ways(scene: &Scene, bodies: &Bodies, id: u32) -> (Vec<Way>, u64) {
-    let light = &scene.lights[id as usize];
+fn ways(scene: &Scene, id: u32) -> (Vec<Way>, Set) {
+    let (light, bodies) = (&scene.lights[id as usize], &scene.chains.bodies);
     let Some(from) = light.origin() else { return (Vec::new(), 0) };
     let faces = &scene.chains.faces;
     let begins = light.center().map_or(0, |q| bodies.holding(q));
     // Facets of meshes are in the list by themselves.
-    let alone = (0..).zip(faces).filter(|(_, f)| !f.is_facet() && bodies.are_met(f, from, begins));
+    let is_met = |f: &Face| bodies.may_meet(f.shape, begins) && bodies.may_meet_from(f, f.is_before(from), begins);
+    let alone = (0..).zip(faces).filter(|(_, f)| !f.is_facet() && is_met(f));
     let single = alone.flat_map(|(face, f)| {
         let (front, through) = (f.is_before(from), scene.surface_of(f.shape).is_transparent());
         let link = |through| (SmallVec::from_iter([Link { face, front, through }]), 1.0);
@@ -167,18 +135,28 @@ fn ways(scene: &Scene, bodies: &Bodies, id: u32) -> (Vec<Way>, u64) {
     (std::iter::once((SmallVec::new(), 1.0)).chain(single).chain(listed).collect(), begins)
 }
 
+/// The bodies that light is in before each face of a way, and behind all.
+fn sets(scene: &Scene, begins: Set, links: &[Link]) -> SmallVec<[Set; MOST + 1]> {
+    let passed = |l: &Link| if l.through { scene.chains.bodies.of(scene.chains.faces[l.face as usize].shape) } else { 0 };
+    let behind = links.iter().scan(begins, |set, l| {
+        *set ^= passed(l);
+        Some(*set)
+    });
+    std::iter::once(begins).chain(behind).collect()
+}
+
 /// All sheets of a light that it may go on from.
-pub fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
+pub fn of_light(scene: &Scene, id: u32) -> Vec<Sheet> {
     let faces = &scene.chains.faces;
-    let (ways, begins) = ways(scene, bodies, id);
+    let (ways, begins) = ways(scene, id);
     let borders = borders(scene);
     let own: Vec<Vec<Border>> = faces.iter().map(|f| borders_of(scene, &borders, f)).collect();
     let of_way = |(links, asked): &Way| {
-        let passed = |l: &Link| if l.through { bodies.bit(faces[l.face as usize].shape) } else { 0 };
-        let within = links.iter().fold(begins, |set, l| set ^ passed(l));
+        let within = sets(scene, begins, links);
         let mut sheets = Vec::new();
         let mut add = |at: usize, between: bool, border: Border| {
             let (links, asked) = (links.clone(), *asked);
+            let within = within[links.len()];
             let mut sheet = Sheet { light: id, links, asked, at, between, border, within, pieces: Vec::new() };
             sheet.trace(scene);
             sheets.extend(Some(sheet).filter(|s| !s.pieces.is_empty()));
@@ -193,7 +171,11 @@ pub fn of_light(scene: &Scene, bodies: &Bodies, id: u32) -> Vec<Sheet> {
         for at in 0..=links.len() {
             // Convex bodies do not stand on lines that end on them.
             let around = [at.checked_sub(1), Some(at)].map(|k| Some(faces[links.get(k?)?.face as usize].shape));
-            for b in borders.iter().filter(|b| !around.contains(&Some(b.own().0))) {
+            let stands = |b: &&Border| {
+                let (shape, _) = b.own();
+                !around.contains(&Some(shape)) && scene.chains.bodies.may_meet(shape, within[at])
+            };
+            for b in borders.iter().filter(stands) {
                 add(at, true, b.clone());
             }
         }
@@ -237,9 +219,14 @@ pub fn overlapping(scene: &Scene, apart: impl Fn(u32, u32) -> bool) -> Option<(u
 }
 
 /// How many sheets a light has at most.
-pub fn count(scene: &Scene, bodies: &Bodies, id: u32) -> usize {
-    let borders = borders(scene).len();
-    ways(scene, bodies, id).0.iter().map(|(links, _)| 4 * links.len() + (links.len() + 1) * borders).sum()
+pub fn count(scene: &Scene, id: u32) -> usize {
+    let borders = borders(scene);
+    let (ways, begins) = ways(scene, id);
+    let of_way = |(links, _): &Way| {
+        let stand = |set: &Set| borders.iter().filter(|b| scene.chains.bodies.may_meet(b.own().0, *set)).count();
+        4 * links.len() + sets(scene, begins, links).iter().map(stand).sum::<usize>()
+    };
+    ways.iter().map(of_way).sum()
 }
 
 fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {

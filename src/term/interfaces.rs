@@ -9,7 +9,6 @@ use crate::error::{Error, Result};
 use crate::light::LightKind;
 use crate::scene::beams::is_flat;
 use crate::scene::nearest::Kind;
-use crate::scene::panes::PARALLEL;
 use crate::scene::{Instance, Scene};
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
@@ -80,7 +79,6 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
             "only opaque balls and what has straight edges may stand beside interfaces: spheres, rectangles, cubes, meshes",
         ));
     }
-    touching(scene)?;
     contacts(scene, motion)?;
     rims_of_balls(scene, motion)?;
     let outer = scene.around(scene.sensors.first()).outer;
@@ -118,38 +116,6 @@ fn has_known_outline(scene: &Scene, s: &Instance) -> bool {
     }
 }
 
-/// Whether two are single flat faces in planes that are parallel and apart.
-fn are_apart(scene: &Scene, a: &Instance, b: &Instance) -> bool {
-    let single = |s: &Instance| matches!(s.shape, Shape::Rectangle(_) | Shape::Disk(_));
-    let plane = |s: &Instance| {
-        let p = s.shape.bounds().center();
-        (p, s.shape.normal(0, p))
-    };
-    let ((p, n), (q, m)) = (plane(a), plane(b));
-    single(a) && single(b) && n.cross(m).length() <= PARALLEL && (q - p).dot(n).abs() > ends::contact(scene)
-}
-
-/// Faces that meet have an edge between them.
-fn touching(scene: &Scene) -> Result<()> {
-    let smooth: Vec<&Instance> =
-        scene.shapes.iter().filter(|s| scene.surfaces[s.surface as usize].is_smooth()).collect();
-    for (i, a) in smooth.iter().enumerate() {
-        let meets = |b: &&&Instance| a.shape.bounds().gap(&b.shape.bounds()) == 0.0 && !are_apart(scene, a, b);
-        if let Some(b) = smooth[i + 1..].iter().find(meets).filter(|b| is_flat(&a.shape) && is_flat(&b.shape)) {
-            let what = format!(
-                "`{}` and `{}` mirror or refract and may meet: rays part there, which cannot be differentiated yet",
-                a.name, b.name
-            );
-            return Err(Error::scene(
-                &b.span,
-                what,
-                "keep them apart, so that the boxes around them (along the axes) do not meet",
-            ));
-        }
-    }
-    Ok(())
-}
-
 /// An edge on a smooth face that is not its own is seen from the other side through that face, or hidden behind it, which [`super::virtual_edge`] does not tell; the border of a half-space of glass
 /// where something stands in it is in sight.
 pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
@@ -159,6 +125,12 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
         let edge = edges.get(scene, i);
         let own: Vec<(u32, u32)> = edge.sides().map(|s| (s.0, s.1)).collect();
         let of_glass = own.iter().any(|f| smooth(f.0));
+        // An edge that is of both already.
+        let mut of = own.iter().map(|f| f.0).filter(|&s| smooth(s));
+        let one = of.next();
+        if let Some(pair) = one.zip(of.find(|&s| Some(s) != one)) {
+            return Some(pair);
+        }
         let first = &scene.shapes[own[0].0 as usize];
         let open = own.len() == 1 && matches!(first.shape, Shape::Rectangle(_));
         let half_space = open && matches!(scene.surfaces[first.surface as usize], Surface::Dielectric { .. });

@@ -122,12 +122,12 @@ fn places(scene: &Scene, sensor: &Sensor, margin: f64, pane: &Pane) -> Result<Ve
     for (id, m) in scene.media.iter().enumerate() {
         let id = Some(id as u32);
         if let Some(g) = m.density_grid() {
-            places.extend(g.world_bounds().into_iter().flat_map(|(a, b)| corners(a, b)));
+            places.extend(g.world_bounds().into_iter().flat_map(|(a, b)| Bounds::new(a, b).corners()));
             continue;
         }
         let inside = |s: &&Instance| s.boundary && s.interior == id && holds(&s.shape);
         let bodies = scene.shapes.iter().filter(inside).map(|s| s.shape.bounds());
-        places.extend(bodies.flat_map(|b: Bounds| corners(b.min, b.max)));
+        places.extend(bodies.flat_map(|b: Bounds| b.corners()));
         let open =
             |s: &Instance| s.boundary && (s.exterior == id || s.interior == id && !holds(&s.shape)) && !is_pane(s);
         let name = |s: &Instance| (s.name.clone(), s.span.clone());
@@ -209,7 +209,7 @@ fn reached(scene: &Scene, sensor: &Sensor, margin: f64, pane: &Pane, id: u32) ->
         }
     }
     let ball = DVec3::splat(length);
-    Ok(starts.into_iter().flat_map(|p| corners(p - ball, p + ball)).collect())
+    Ok(starts.into_iter().flat_map(|p| Bounds::new(p - ball, p + ball).corners()).collect())
 }
 
 /// Nothing comes between the light and these places, nor will where it moves.
@@ -320,13 +320,6 @@ fn is_opaque(scene: &Scene, s: &Instance) -> bool {
 fn holds(s: &Shape) -> bool {
     let p = s.position(0, DVec2::splat(0.5));
     matches!(s, Shape::Sphere(_) | Shape::Cube(_)) && s.normal(0, p).dot(p - s.bounds().center()) > 0.0
-}
-
-fn corners(a: DVec3, b: DVec3) -> [DVec3; 8] {
-    std::array::from_fn(|k| {
-        let pick = |axis: usize| if k >> axis & 1 == 0 { a[axis] } else { b[axis] };
-        DVec3::new(pick(0), pick(1), pick(2))
-    })
 }
 
 /// Whether a point of its plane lies within a face; not where that is no number.
