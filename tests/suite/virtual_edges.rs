@@ -154,6 +154,16 @@ fn edges_of_a_block_of_glass() {
     needs_the_room(BLOCK, "x", 0.04, 1 << 12);
 }
 
+/// A bubble with corners: its edges are seen by way of the block around it.
+#[test]
+fn edges_of_a_block_in_a_block_of_glass() {
+    let inner = r#"<default name="in" value="0.1"/><shape type="cube"><transform name="to_world"><scale value="0.35"/><rotate x="1" angle="20"/><translate x="$in"/></transform>
+      <bsdf type="dielectric"><float name="int_ior" value="1"/><float name="ext_ior" value="$ior"/></bsdf></shape><emitter type="constant"/>"#;
+    let text = BLOCK.replace(r#"<emitter type="constant"/>"#, inner).replace(r#"value="3"/>"#, r#"value="4"/>"#);
+    against_differences(&text, &[("ior", 0.02), ("x", 0.04), ("in", 0.03), ("cam", 0.04)], &["all"], 1 << 12, 0.02);
+    needs_the_room(&text, "in", 0.03, 1 << 13);
+}
+
 #[test]
 fn vertices_behind_a_pane_look_past_edges() {
     against_differences(FOG, &[("x", 0.05), ("h", 0.05)], &["all"], 1 << 13, 0.02);
