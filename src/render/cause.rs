@@ -40,6 +40,30 @@ pub fn zero_measure(p: &Parts<f64>) -> Option<&LightPart<f64>> {
     p.lights.iter().find(|l| is_zero_measure(&l.kind))
 }
 
+/// Whether its shadows, and the light that it mirrors or lets through, have straight borders, as `term::cast` has it. One of glass without an inside has none that is in sight.
+pub fn has_straight_borders(p: &Parts<f64>, s: &ShapePart<f64>) -> bool {
+    match s.kind {
+        ShapeKind::Sphere { .. } | ShapeKind::Disk | ShapeKind::Cylinder { .. } => false,
+        ShapeKind::Rectangle => !matches!(p.surfaces[s.surface], SurfacePart::Dielectric { .. }),
+        _ => true,
+    }
+}
+
+/// What keeps light without extent from being known by way of smooth surfaces: something round, or the light itself.
+pub fn unlit(p: &Parts<f64>, of_light: &'static str) -> Option<Cause> {
+    let is_pane =
+        |s: &ShapePart<f64>| is_smooth(p, s.surface) && matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk);
+    let counts = |s: &ShapePart<f64>| !matches!(p.surfaces[s.surface], SurfacePart::Null) && !is_pane(s);
+    let round = p.shapes.iter().find(|s| counts(s) && !has_straight_borders(p, s));
+    match round {
+        Some(s) => Some(Cause::of_shape(
+            s,
+            "glass, mirrors and what stands beside them must have flat faces in light without extent: make it a cube or a mesh; or use an area light, an environment or, where nothing is opaque, a collimated beam",
+        )),
+        None => Some(Cause::of_light(zero_measure(p)?, of_light)),
+    }
+}
+
 pub fn is_smooth(p: &Parts<f64>, s: usize) -> bool {
     p.surfaces[s].is_smooth()
 }
@@ -79,16 +103,15 @@ pub fn cause(p: &Parts<f64>, term: Term, m: &Motion) -> Option<Cause> {
                     let remedy = "take it out of the scene, or use a directional light in place of the beam";
                     Some(Cause::of_shape(s, remedy))
                 }
-                None => Some(Cause::of_light(
-                    zero_measure(p)?,
+                None => unlit(
+                    p,
                     "use an area light that is a rectangle, an environment or, where nothing is opaque, a collimated beam",
-                )),
+                ),
             }
         }
-        Term::G | Term::R => Some(Cause::of_light(
-            zero_measure(p)?,
-            "use an area light, an environment or, where nothing is opaque, a collimated beam",
-        )),
+        Term::G | Term::R => {
+            unlit(p, "use an area light, an environment or, where nothing is opaque, a collimated beam")
+        }
         _ => None,
     }
 }

@@ -2,7 +2,9 @@
 //! The table of [T] section 3 as code, in two steps: facts of the scene and of what moves, then rules. Renders nothing,
 //! loads no grid.
 
-use super::cause::{Cause, cause, is_outlined, is_smooth, nearest_grid, rimmed, zero_measure};
+use super::cause::{
+    Cause, cause, has_straight_borders, is_outlined, is_smooth, nearest_grid, rimmed, unlit, zero_measure,
+};
 use crate::error::{Error, Result};
 use crate::math::Dual;
 use crate::params::Quantity;
@@ -409,7 +411,7 @@ impl Plan {
             {
                 let why = "what moves may be seen or lit by way of an interface";
                 let remedy = "use an area light that is a rectangle, an environment or, where nothing is opaque, a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or of glass only cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of flat faces";
-                miss(Term::S, why, zero_measure(&parts).map(|l| Cause::of_light(l, remedy)));
+                miss(Term::S, why, unlit(&parts, remedy));
             }
             let turns = motion.ior || motion.interface || motion.beam;
             if facts.rimmed && (matter || turns) {
@@ -514,12 +516,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         only_panes: p.shapes.iter().any(|s| smooth(s.surface))
             && p.shapes.iter().all(|s| !smooth(s.surface) || matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk)),
-        only_straight: p.shapes.iter().any(|s| smooth(s.surface))
-            && solid.iter().all(|s| match s.kind {
-                ShapeKind::Sphere { .. } | ShapeKind::Disk | ShapeKind::Cylinder { .. } => false,
-                ShapeKind::Rectangle => !through(s.surface),
-                _ => true,
-            }),
+        only_straight: p.shapes.iter().any(|s| smooth(s.surface)) && solid.iter().all(|s| has_straight_borders(p, s)),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),
         rims: rims(p),

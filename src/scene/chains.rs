@@ -270,7 +270,11 @@ impl Search<'_> {
         let sense = self.senses[face.shape as usize];
         if sense.is_closed && through {
             let enters = front != sense.is_turned;
-            if enters { next.inside.push(face.shape) } else { next.inside.retain(|s| *s != face.shape) }
+            if enters {
+                next.inside.push(face.shape)
+            } else {
+                next.inside.retain(|s| *s != face.shape)
+            }
             next.within ^= self.found.bodies.of(face.shape);
         }
         next.links.push(link);

@@ -90,10 +90,15 @@ pub fn aside(scene: &Scene) -> f64 {
 
 /// Whether all of them are known where something moves: whatever casts shadows has straight borders, and no border of a medium alone moves.
 pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
-    if !scene.lights.iter().any(Light::is_delta) {
-        return false;
-    }
-    let known = |(id, s): (u32, &Instance)| {
+    let chains = &scene.chains;
+    scene.lights.iter().any(Light::is_delta)
+        && !(chains.faces.is_empty() || chains.cut || chains.touching)
+        && unknown(scene, motion).next().is_none()
+}
+
+/// Shapes whose borders are not known.
+pub fn unknown<'a>(scene: &'a Scene, motion: &'a Motion) -> impl Iterator<Item = &'a Instance> {
+    let known = |id: u32, s: &Instance| {
         if scene.is_null(s) {
             return !motion.moves(id);
         }
@@ -109,8 +114,7 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
             _ => false,
         }
     };
-    let chains = &scene.chains;
-    !chains.faces.is_empty() && !chains.cut && !chains.touching && (0..).zip(&scene.shapes).all(known)
+    (0..).zip(&scene.shapes).filter(move |(id, s)| !known(*id, s)).map(|(_, s)| s)
 }
 
 /// What would make borders more than can be told: to be asked where they are known ([`are_known`]).

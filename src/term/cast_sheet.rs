@@ -137,7 +137,8 @@ fn ways(scene: &Scene, id: u32) -> (Vec<Way>, Set) {
 
 /// The bodies that light is in before each face of a way, and behind all.
 fn sets(scene: &Scene, begins: Set, links: &[Link]) -> SmallVec<[Set; MOST + 1]> {
-    let passed = |l: &Link| if l.through { scene.chains.bodies.of(scene.chains.faces[l.face as usize].shape) } else { 0 };
+    let passed =
+        |l: &Link| if l.through { scene.chains.bodies.of(scene.chains.faces[l.face as usize].shape) } else { 0 };
     let behind = links.iter().scan(begins, |set, l| {
         *set ^= passed(l);
         Some(*set)

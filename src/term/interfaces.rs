@@ -6,7 +6,7 @@
 
 use super::{Motion, cast, ends, panes};
 use crate::error::{Error, Result};
-use crate::light::LightKind;
+use crate::light::{Light, LightKind};
 use crate::scene::beams::is_flat;
 use crate::scene::nearest::Kind;
 use crate::scene::{Instance, Scene};
@@ -27,13 +27,9 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     // Beams find their way, and others by way of flat faces.
     let lit = panes::are_known(scene, motion) || cast::are_known(scene, motion);
     let others = scene.lights.iter().zip(&motion.lights).filter(|(l, _)| !matches!(l.kind, LightKind::Beam { .. }));
-    let moves = others.into_iter().any(|(_, m)| m.position || m.direction || m.angles);
-    if moves && !lit {
-        let what = format!(
-            "`{name}` mirrors or refracts: how light falls through it from a light that moves cannot be differentiated yet"
-        );
-        let remedy = "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of at most 4096 flat faces; else differentiate with respect to something else";
-        return Err(Error::scene(&interface.span, what, remedy));
+    let mut moves = others.into_iter().filter(|(_, m)| m.position || m.direction || m.angles);
+    if let Some((light, _)) = moves.next().filter(|_| !lit) {
+        return Err(unlit(scene, motion, interface, light));
     }
     // An index that changes moves what is behind it.
     if !motion.surfaces() {
@@ -91,14 +87,48 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         return Err(Error::usage(what, "bound the medium by a shape with a null bsdf"));
     }
     if let Some(l) = scene.lights.iter().find(|l| l.is_delta()).filter(|_| !lit) {
-        let what = format!(
-            "`{name}` mirrors or refracts, and something moves: the shadows of the light `{}` at it cannot be differentiated yet",
-            l.name
-        );
-        let remedy = "light such a scene by an area light that is a rectangle, by an environment, a collimated beam or by media that emit";
-        return Err(Error::scene(&interface.span, what, remedy));
+        return Err(unlit(scene, motion, interface, l));
     }
     Ok(())
+}
+
+/// Why what a light without extent sends by way of an interface is not known.
+fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) -> Error {
+    let smooth = |s: &Instance| scene.surfaces[s.surface as usize].is_smooth();
+    let (name, light) = (&interface.name, &light.name);
+    let is_pane = |s: &Instance| matches!(s.shape, Shape::Rectangle(_) | Shape::Disk(_)) && smooth(s);
+    let round = cast::unknown(scene, motion).find(|s| !scene.is_null(s) && !is_pane(s));
+    let extent = "or give the light an extent: an area light, an environment, or media that emit";
+    let (at, what, remedy) = match round {
+        Some(s) if smooth(s) => (
+            s,
+            format!(
+                "light of `{light}` falls by way of `{}`, which is round, not convex, or has very many faces, and something moves: how that light moves cannot be told yet",
+                s.name
+            ),
+            format!(
+                "make it of flat faces (a cube, or a convex mesh of at most {FACETS} faces with face_normals), {extent}"
+            ),
+        ),
+        Some(s) => (
+            s,
+            format!(
+                "`{}` may cast a shadow of the light `{light}` by way of `{name}`, which mirrors or refracts: how the shadow of what is round, or has very many faces, moves there cannot be told yet",
+                s.name
+            ),
+            format!("take it out, make it of flat faces, {extent}"),
+        ),
+        None => (
+            interface,
+            format!(
+                "`{name}` mirrors or refracts, and something moves: the shadows of the light `{light}` at it cannot be differentiated yet"
+            ),
+            format!(
+                "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of at most 4096 flat faces; {extent}"
+            ),
+        ),
+    };
+    Error::scene(&at.span, what, &remedy)
 }
 
 /// Whether its outline may be seen by way of an interface.

@@ -205,13 +205,13 @@ fn scenes_give_their_rows() {
 /// The table names what the refusal names, its place and what to do.
 #[test]
 fn missing_terms_name_their_cause() {
-    let glass = r#"<shape type="sphere"><bsdf type="dielectric"/></shape>"#;
+    let glass = r#"<shape type="sphere" id="ball"><bsdf type="dielectric"/></shape>"#;
     let light = r#"<emitter type="point" id="bulb"><point name="position" x="$x" y="3" z="0"/></emitter>"#;
     let p = plan(&format!("{CAMERA}{glass}{light}"), "x");
-    assert!(p.refuse().unwrap_err().to_string().contains("`bulb`"));
+    assert!(p.refuse().unwrap_err().to_string().contains("`ball`"));
     let told = |l: &tyndall::render::plan::PlanLine| {
         l.decision == "missing"
-            && l.reason.contains("because of `bulb` (plan.xml:")
+            && l.reason.contains("because of `ball` (plan.xml:")
             && l.reason.contains("use an area light")
     };
     assert!(p.lines.iter().any(told), "{:?}", p.lines);
@@ -220,7 +220,13 @@ fn missing_terms_name_their_cause() {
     assert!(used(&plan(&block, "x"), "use").split(' ').any(|t| t == "G"));
     let floor = r#"<shape type="rectangle"/>"#;
     assert!(used(&plan(&format!("{block}{floor}"), "x"), "use").split(' ').any(|t| t == "R"));
-    assert!(plan(&format!("{block}{}", floor.replace("rectangle", "disk")), "x").refuse().is_err());
+    let round = floor.replace(r#""rectangle""#, r#""disk" id="plate""#);
+    let error = plan(&format!("{block}{round}"), "x").refuse().unwrap_err().to_string();
+    assert!(error.contains("`plate`"), "{error}");
+    // Where flat faces are not enough it is the light.
+    let panes = r#"<shape type="rectangle"><bsdf type="dielectric"/></shape><shape type="cube"><bsdf type="dielectric"/></shape>"#;
+    let error = plan(&format!("{CAMERA}{panes}{light}"), "x").refuse().unwrap_err().to_string();
+    assert!(error.contains("`bulb`"), "{error}");
 }
 
 #[test]
