@@ -39,6 +39,40 @@ pub fn to_segment(p: DVec3, a: DVec3, b: DVec3) -> f64 {
     segment(a - p, b - a).length()
 }
 
+/// Distance between two segments.
+pub fn between_segments([a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) -> f64 {
+    let n = (b - a).cross(d - c);
+    let area2 = n.length_squared();
+    // Where both are nearest to each other between their ends.
+    let [s, t] = [d - c, b - a].map(|e| (c - a).cross(e).dot(n) / area2);
+    let inner = (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t);
+    let between = if inner { (a + (b - a) * s - (c + (d - c) * t)).length() } else { f64::INFINITY };
+    let ends = [to_segment(a, c, d), to_segment(b, c, d), to_segment(c, a, b), to_segment(d, a, b)];
+    ends.into_iter().fold(between, f64::min)
+}
+
+/// Distance between two triangles; 0, but for rounding, where they pass through each other.
+pub fn between_triangles(p: [DVec3; 3], q: [DVec3; 3]) -> f64 {
+    let edges = |t: [DVec3; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
+    let to = |x: DVec3, t: [DVec3; 3]| x.distance(on_triangle(x, t));
+    // From the corners of one, and from where its edges meet the plane of the other.
+    let from = |p: [DVec3; 3], q: [DVec3; 3]| {
+        let n = (q[1] - q[0]).cross(q[2] - q[0]);
+        let pierces = edges(p).into_iter().filter_map(move |[a, b]| {
+            let [h, k] = [a, b].map(|x| n.dot(x - q[0]));
+            ((h < 0.0) != (k < 0.0)).then(|| to(a + (b - a) * (h / (h - k)), q))
+        });
+        p.into_iter().map(move |x| to(x, q)).chain(pierces).fold(f64::INFINITY, f64::min)
+    };
+    let mut least = from(p, q).min(from(q, p));
+    for e in edges(p) {
+        for g in edges(q) {
+            least = least.min(between_segments(e, g));
+        }
+    }
+    least
+}
+
 /// The foot of the origin on a plane figure of corner `a` and edges `e1`, `e2`, as an offset.
 enum Foot {
     Outside,
@@ -122,4 +156,45 @@ pub fn on_parallelogram(p: DVec3, v: DVec3, e1: DVec3, e2: DVec3) -> DVec3 {
     }
     let foot = foot(a, e1, e2, |s, t| s.min(t) >= 0.0 && s.max(t) <= 1.0);
     p + nearest(foot, &[(a, e1), (a, e2), (a + e2, e1), (a + e1, e2)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::Rng;
+
+    /// Against the least distance between points of both, of which there are many.
+    #[test]
+    fn triangles_are_as_far_apart_as_their_points() {
+        let mut rng = Rng::keyed(3, 0, 0, 0);
+        let mut point = || DVec3::from_array([0; 3].map(|_| rng.uniform()));
+        for k in 0..200 {
+            let p: [DVec3; 3] = std::array::from_fn(|_| point());
+            let off = if k % 2 == 0 { DVec3::ZERO } else { DVec3::X * 0.7 };
+            let q: [DVec3; 3] = std::array::from_fn(|_| point() + off);
+            let exact = between_triangles(p, q);
+            let n = 40;
+            let mut least = f64::INFINITY;
+            for i in 0..=n {
+                for j in 0..=n - i {
+                    let [u, v] = [i, j].map(|x| f64::from(x) / f64::from(n));
+                    let x = p[0] + (p[1] - p[0]) * u + (p[2] - p[0]) * v;
+                    least = least.min(x.distance(on_triangle(x, q)));
+                }
+            }
+            assert!(least >= exact - 1e-12 && least < exact + 0.05, "{k}: {least} {exact}");
+            assert_eq!(exact, between_triangles(q, p));
+        }
+    }
+
+    #[test]
+    fn triangles_that_pass_through_each_other_have_no_distance() {
+        let flat = [DVec3::ZERO, DVec3::X * 4.0, DVec3::Y * 4.0];
+        let upright = [DVec3::new(1.0, 1.0, -1.0), DVec3::new(1.0, 1.0, 1.0), DVec3::new(1.2, 1.0, 0.0)];
+        assert!(between_triangles(flat, upright) < 1e-15);
+        // One lies on the other, their edges apart.
+        let on = [DVec3::new(1.0, 1.0, 0.0), DVec3::new(1.1, 1.0, 0.0), DVec3::new(1.0, 1.1, 0.0)];
+        assert_eq!(between_triangles(flat, on), 0.0);
+        assert_eq!(between_triangles(flat, on.map(|x| x + DVec3::Z * 0.5)), 0.5);
+    }
 }

@@ -51,16 +51,21 @@ pub fn has_straight_borders(p: &Parts<f64>, s: &ShapePart<f64>) -> bool {
 
 /// What keeps light without extent from being known by way of smooth surfaces: something round, or the light itself.
 pub fn unlit(p: &Parts<f64>, of_light: &'static str) -> Option<Cause> {
-    let is_pane =
-        |s: &ShapePart<f64>| is_smooth(p, s.surface) && matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk);
-    let counts = |s: &ShapePart<f64>| !matches!(p.surfaces[s.surface], SurfacePart::Null) && !is_pane(s);
-    let round = p.shapes.iter().find(|s| counts(s) && !has_straight_borders(p, s));
-    match round {
+    let light = zero_measure(p)?;
+    let is_pane = |s: &ShapePart<f64>| {
+        let flat = matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk);
+        flat && is_smooth(p, s.surface) && !has_straight_borders(p, s)
+    };
+    let counts =
+        |s: &&ShapePart<f64>| !matches!(p.surfaces[s.surface], SurfacePart::Null) && !has_straight_borders(p, s);
+    let round = p.shapes.iter().find(counts);
+    // Beside panes nothing else would do.
+    match round.filter(|_| !p.shapes.iter().any(is_pane)) {
         Some(s) => Some(Cause::of_shape(
             s,
             "glass, mirrors and what stands beside them must have flat faces in light without extent: make it a cube or a mesh; or use an area light, an environment or, where nothing is opaque, a collimated beam",
         )),
-        None => Some(Cause::of_light(zero_measure(p)?, of_light)),
+        None => Some(Cause::of_light(light, of_light)),
     }
 }
 

@@ -15,6 +15,9 @@ const MOST: usize = 64;
 /// Faces at most of a shape that is told by its corners: others by the box around them.
 const FACES: u32 = 4096;
 
+/// Faces of a body at least.
+const LEAST: usize = 4;
+
 /// A set of bodies, a bit each.
 pub type Set = u64;
 
@@ -69,7 +72,9 @@ impl Bodies {
     pub fn new(shapes: &[Instance], faces: &[Face], smooth: impl Fn(&Instance) -> bool, slack: f64) -> Bodies {
         let is_body = |s: &Instance| match &s.shape {
             Shape::Cube(_) => true,
-            Shape::Mesh(m) => s.shape.face_count() <= FACES && is_convex(m, slack),
+            Shape::Mesh(m) => {
+                s.shape.face_count() <= FACES && m.topology().pieces(&m.faces) == 1 && is_convex(m, slack)
+            }
             _ => false,
         };
         let body = |shape: u32| {
@@ -79,7 +84,8 @@ impl Bodies {
             Body { shape, planes: planes.collect() }
         };
         let chosen = (0..).zip(shapes).filter(|(_, s)| smooth(s) && is_body(s)).take(MOST);
-        let list: Vec<Body> = chosen.map(|(id, _)| body(id)).collect();
+        let mut list: Vec<Body> = chosen.map(|(id, _)| body(id)).collect();
+        list.retain(|b| b.planes.len() >= LEAST);
         let mut places = vec![[0; 2]; shapes.len()];
         if list.is_empty() {
             return Bodies::default();
@@ -108,8 +114,15 @@ impl Bodies {
         bit(&self.list, shape)
     }
 
-    /// Whether light that is in these bodies, and no others, may meet a shape next.
-    pub fn may_meet(&self, shape: u32, within: Set) -> bool {
+    /// Those that light of a lamp begins in; `None` if that is not told, as the lamp is no further than `slack` from a border.
+    pub fn around_lamp(&self, p: DVec3, slack: f64) -> Option<Set> {
+        let is_on = |b: &Body| b.holds(p, -slack) && !b.holds(p, slack);
+        (!self.list.iter().any(is_on)).then(|| self.holding(p))
+    }
+
+    /// Whether light that is in these bodies, and no others, may meet a shape next. Anything, where that is not told.
+    pub fn may_meet(&self, shape: u32, within: Option<Set>) -> bool {
+        let Some(within) = within else { return true };
         let [needed, barred] = self.places.get(shape as usize).copied().unwrap_or_default();
         needed & !within == 0 && barred & within == 0
     }

@@ -192,13 +192,22 @@ struct Way {
     links: SmallVec<[Link; MOST]>,
     /// Closed shapes that it is in.
     inside: SmallVec<[u32; 2]>,
-    within: bodies::Set,
+    /// The same as bodies; `None` where that is not told.
+    within: Option<bodies::Set>,
     /// Reflections at glass that are not total, and those that are.
     weak: u32,
     total: u32,
     /// Behind the last face.
     pencil: Option<Pencil>,
     by_facets: bool,
+}
+
+/// Where its light begins, if that is a place.
+fn stands(light: &Light) -> Option<DVec3> {
+    match light.kind {
+        LightKind::Beam { position, .. } => Some(position),
+        _ => light.center(),
+    }
 }
 
 /// Directions of light to a face.
@@ -275,7 +284,7 @@ impl Search<'_> {
             } else {
                 next.inside.retain(|s| *s != face.shape)
             }
-            next.within ^= self.found.bodies.of(face.shape);
+            next.within = next.within.map(|set| set ^ self.found.bodies.of(face.shape));
         }
         next.links.push(link);
         next.pencil = Some(Pencil::new(face.center, face.radius, behind));
@@ -306,7 +315,9 @@ impl Search<'_> {
     fn all(&mut self, id: u32, from: Origin<f64>, longest: usize, share: f64) {
         let light = &self.scene.lights[id as usize];
         let inside = self.holders(light);
-        let within = inside.iter().fold(0, |set, s| set | self.found.bodies.of(*s));
+        let slack = SLACK * self.scene.bounds.radius();
+        let stands = stands(light);
+        let within = stands.map_or(Some(0), |q| self.found.bodies.around_lamp(q, slack));
         let begin = Way { links: SmallVec::new(), inside, within, weak: 0, total: 0, pencil: None, by_facets: false };
         let is_beam = matches!(light.kind, LightKind::Beam { .. });
         // By reflections at glass, then by faces.
@@ -355,10 +366,6 @@ impl Search<'_> {
 
     /// Closed shapes that a light stands in.
     fn holders(&self, light: &Light) -> SmallVec<[u32; 2]> {
-        let stands = match light.kind {
-            LightKind::Beam { position, .. } => Some(position),
-            _ => light.center(),
-        };
         let within = |s: &Instance, q: DVec3| match &s.shape {
             Shape::Cube(c) => c.placement.local_point(q).abs().max_element() < 1.0,
             Shape::Mesh(m) => winding((0..s.shape.face_count()).map(|f| m.corners(f)), q).abs() > 0.5,
@@ -366,7 +373,8 @@ impl Search<'_> {
         };
         let smooth = |i: &u32| self.scene.surface_of(*i).is_smooth();
         let all = (0..self.scene.shapes.len() as u32).filter(smooth);
-        stands.map_or_else(SmallVec::new, |q| all.filter(|&i| within(&self.scene.shapes[i as usize], q)).collect())
+        stands(light)
+            .map_or_else(SmallVec::new, |q| all.filter(|&i| within(&self.scene.shapes[i as usize], q)).collect())
     }
 
     /// Whether two faces of different shapes lie in one another.

@@ -128,6 +128,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         );
         return Err(Error::scene(&a.span, what, "keep them apart"));
     }
+    interfaces::touching(scene)?;
     interfaces::contacts(scene, motion)?;
     if let Some((a, b)) = cast_sheet::overlapping(scene, |a, b| motion.class(a) != motion.class(b)) {
         let [a, b] = [a, b].map(|k| &scene.shapes[k as usize]);

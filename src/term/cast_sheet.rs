@@ -21,6 +21,7 @@ use crate::transport::way_motion::Slide;
 use crate::transport::{beam, chain};
 use rayon::prelude::*;
 use smallvec::SmallVec;
+use std::collections::HashMap;
 
 /// Pieces of a border at least, between whose ends rays are interpolated.
 const PIECES: usize = 16;
@@ -124,7 +125,8 @@ fn ways(scene: &Scene, id: u32) -> (Vec<Way>, Set) {
     let faces = &scene.chains.faces;
     let begins = light.center().map_or(0, |q| bodies.holding(q));
     // Facets of meshes are in the list by themselves.
-    let is_met = |f: &Face| bodies.may_meet(f.shape, begins) && bodies.may_meet_from(f, f.is_before(from), begins);
+    let is_met =
+        |f: &Face| bodies.may_meet(f.shape, Some(begins)) && bodies.may_meet_from(f, f.is_before(from), begins);
     let alone = (0..).zip(faces).filter(|(_, f)| !f.is_facet() && is_met(f));
     let single = alone.flat_map(|(face, f)| {
         let (front, through) = (f.is_before(from), scene.surface_of(f.shape).is_transparent());
@@ -174,7 +176,7 @@ pub fn of_light(scene: &Scene, id: u32) -> Vec<Sheet> {
             let around = [at.checked_sub(1), Some(at)].map(|k| Some(faces[links.get(k?)?.face as usize].shape));
             let stands = |b: &&Border| {
                 let (shape, _) = b.own();
-                !around.contains(&Some(shape)) && scene.chains.bodies.may_meet(shape, within[at])
+                !around.contains(&Some(shape)) && scene.chains.bodies.may_meet(shape, Some(within[at]))
             };
             for b in borders.iter().filter(stands) {
                 add(at, true, b.clone());
@@ -223,11 +225,12 @@ pub fn overlapping(scene: &Scene, apart: impl Fn(u32, u32) -> bool) -> Option<(u
 pub fn count(scene: &Scene, id: u32) -> usize {
     let borders = borders(scene);
     let (ways, begins) = ways(scene, id);
-    let of_way = |(links, _): &Way| {
-        let stand = |set: &Set| borders.iter().filter(|b| scene.chains.bodies.may_meet(b.own().0, *set)).count();
-        4 * links.len() + sets(scene, begins, links).iter().map(stand).sum::<usize>()
-    };
-    ways.iter().map(of_way).sum()
+    let stand = |set: Set| borders.iter().filter(|b| scene.chains.bodies.may_meet(b.own().0, Some(set))).count();
+    let mut known: HashMap<Set, usize> = HashMap::new();
+    let mut of_set = |set: Set| *known.entry(set).or_insert_with(|| stand(set));
+    ways.iter()
+        .map(|(links, _)| 4 * links.len() + sets(scene, begins, links).into_iter().map(&mut of_set).sum::<usize>())
+        .sum()
 }
 
 fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {

@@ -4,15 +4,21 @@
 //! the interface itself, and opaque balls, are [`super::virtual_edge`]'s. What is left are outlines of other curved things by way of an interface, and shadows of lights without extent that are cast through it ([`panes`] says where there are none). A smooth
 //! silhouette of glass is no jump: at grazing all light is mirrored, straight on.
 
-use super::{Motion, cast, ends, panes};
+use super::{Motion, cast, contact, ends, panes};
 use crate::error::{Error, Result};
 use crate::light::{Light, LightKind};
+use crate::math::DVec3;
+use crate::math::nearest::between_triangles;
 use crate::scene::beams::is_flat;
+use crate::scene::chains::has_flat_faces;
 use crate::scene::nearest::Kind;
+use crate::scene::panes::PARALLEL;
 use crate::scene::{Instance, Scene};
-use crate::shape::{Geometry, Shape};
+use crate::shape::edges::with_corners;
+use crate::shape::{Bounds, Geometry, Shape};
 use crate::surface::Surface;
 use rayon::prelude::*;
+use std::cell::OnceCell;
 
 /// Faces of a smooth mesh at most: every chain of them has to be found by chance.
 pub(super) const FACETS: u32 = 512;
@@ -75,6 +81,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
             "only opaque balls and what has straight edges may stand beside interfaces: spheres, rectangles, cubes, meshes",
         ));
     }
+    touching(scene)?;
     contacts(scene, motion)?;
     rims_of_balls(scene, motion)?;
     let outer = scene.around(scene.sensors.first()).outer;
@@ -97,7 +104,9 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
     let smooth = |s: &Instance| scene.surfaces[s.surface as usize].is_smooth();
     let (name, light) = (&interface.name, &light.name);
     let is_pane = |s: &Instance| matches!(s.shape, Shape::Rectangle(_) | Shape::Disk(_)) && smooth(s);
-    let round = cast::unknown(scene, motion).find(|s| !scene.is_null(s) && !is_pane(s));
+    let unknown = || cast::unknown(scene, motion).filter(|s| !scene.is_null(s));
+    // Beside panes nothing else would do.
+    let round = unknown().next().filter(|_| !unknown().any(is_pane));
     let extent = "or give the light an extent: an area light, an environment, or media that emit";
     let (at, what, remedy) = match round {
         Some(s) if smooth(s) => (
@@ -117,6 +126,13 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
                 s.name
             ),
             format!("take it out, make it of flat faces, {extent}"),
+        ),
+        None if scene.chains.touching => (
+            interface,
+            format!(
+                "faces that mirror or refract touch, and something moves: light of `{light}` passes from one to the other without a way between, which cannot be differentiated yet"
+            ),
+            format!("leave a gap between them (a millionth of the scene's size is enough), {extent}"),
         ),
         None => (
             interface,
@@ -146,6 +162,70 @@ fn has_known_outline(scene: &Scene, s: &Instance) -> bool {
     }
 }
 
+/// Whether two are single flat faces in planes that are parallel and apart.
+fn are_apart(scene: &Scene, a: &Instance, b: &Instance) -> bool {
+    let single = |s: &Instance| matches!(s.shape, Shape::Rectangle(_) | Shape::Disk(_));
+    let plane = |s: &Instance| {
+        let p = s.shape.bounds().center();
+        (p, s.shape.normal(0, p))
+    };
+    let ((p, n), (q, m)) = (plane(a), plane(b));
+    single(a) && single(b) && n.cross(m).length() <= PARALLEL && (q - p).dot(n).abs() > ends::contact(scene)
+}
+
+/// Triangles of a shape of flat faces, with the boxes around them.
+fn triangles(s: &Shape) -> Vec<(Bounds, [DVec3; 3])> {
+    let mut all = Vec::new();
+    for f in 0..s.face_count() {
+        with_corners(s, f, |c| all.extend((2..c.len()).map(|k| [c[0], c[k - 1], c[k]])));
+    }
+    all.into_iter().map(|t| (t.into_iter().collect(), t)).collect()
+}
+
+/// Smooth faces of two shapes that meet, where rays part. Those of glass without an inside, whose borders count as out of sight, and disks must have boxes around them that are apart.
+pub(super) fn touching(scene: &Scene) -> Result<()> {
+    let is_glass = |s: &Instance| matches!(scene.surfaces[s.surface as usize], Surface::Dielectric { .. });
+    let is_pane = |s: &Instance| match s.shape {
+        Shape::Rectangle(_) => is_glass(s),
+        Shape::Disk(_) => true,
+        _ => false,
+    };
+    let reach = contact::reach(scene);
+    let counts = |s: &&Instance| {
+        let smooth = scene.surfaces[s.surface as usize].is_smooth();
+        // Panels of one body may be meshes of their own.
+        smooth && s.shape.face_count() <= FACETS && (is_flat(&s.shape) || s.shape.is_closed() && has_flat_faces(s))
+    };
+    let smooth: Vec<&Instance> = scene.shapes.iter().filter(counts).collect();
+    let met = |i: usize| {
+        let (a, own) = (smooth[i], OnceCell::new());
+        let meets = |b: &&&Instance| {
+            if a.shape.bounds().gap(&b.shape.bounds()) > reach || are_apart(scene, a, b) {
+                return false;
+            }
+            if is_pane(a) || is_pane(b) {
+                return is_flat(&a.shape) && is_flat(&b.shape);
+            }
+            let own: &Vec<_> = own.get_or_init(|| triangles(&a.shape));
+            triangles(&b.shape).iter().any(|(around, t)| {
+                own.iter().any(|(box_of, o)| around.gap(box_of) <= reach && between_triangles(*o, *t) <= reach)
+            })
+        };
+        smooth[i + 1..].iter().find(meets).map(|b| (a, *b))
+    };
+    let Some((a, b)) = (0..smooth.len()).into_par_iter().find_map_first(met) else { return Ok(()) };
+    let what = format!(
+        "`{}` and `{}` mirror or refract and touch, or pass through each other: rays part there, which cannot be differentiated yet",
+        a.name, b.name
+    );
+    let remedy = if is_pane(a) || is_pane(b) {
+        "keep them apart, so that the boxes around them (along the axes) do not meet; or make bodies of them: cubes, closed meshes"
+    } else {
+        "leave a gap between them (a millionth of the scene's size is enough)"
+    };
+    Err(Error::scene(&b.span, what, remedy))
+}
+
 /// An edge on a smooth face that is not its own is seen from the other side through that face, or hidden behind it, which [`super::virtual_edge`] does not tell; the border of a half-space of glass
 /// where something stands in it is in sight.
 pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
@@ -155,12 +235,6 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
         let edge = edges.get(scene, i);
         let own: Vec<(u32, u32)> = edge.sides().map(|s| (s.0, s.1)).collect();
         let of_glass = own.iter().any(|f| smooth(f.0));
-        // An edge that is of both already.
-        let mut of = own.iter().map(|f| f.0).filter(|&s| smooth(s));
-        let one = of.next();
-        if let Some(pair) = one.zip(of.find(|&s| Some(s) != one)) {
-            return Some(pair);
-        }
         let first = &scene.shapes[own[0].0 as usize];
         let open = own.len() == 1 && matches!(first.shape, Shape::Rectangle(_));
         let half_space = open && matches!(scene.surfaces[first.surface as usize], Surface::Dielectric { .. });

@@ -106,8 +106,8 @@ fn bodies_that_meet_are_refused() {
         let p = sc.param_set(&desc, &["x".to_string()]).unwrap();
         job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default()
     };
-    assert!(two(0.0).contains("touches"), "{}", two(0.0));
-    assert!(two(0.3).contains("touches"), "{}", two(0.3));
+    assert!(two(0.0).contains("touch"), "{}", two(0.0));
+    assert!(two(0.3).contains("touch"), "{}", two(0.3));
     // The boxes around them meet.
     assert_eq!(two(0.62), "");
     assert_eq!(two(-0.01), "");

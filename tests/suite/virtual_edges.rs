@@ -164,6 +164,33 @@ fn edges_of_a_block_in_a_block_of_glass() {
     needs_the_room(&text, "in", 0.03, 1 << 13);
 }
 
+/// Where smooth faces touch rays part; glass without an inside and disks would show their borders.
+#[test]
+fn smooth_bodies_that_touch_are_refused() {
+    let glass = r#"<bsdf type="dielectric"/>"#;
+    let beside = |kind: &str, place: &str| {
+        let shape = format!(
+            r#"<shape type="{kind}" id="other"><transform name="to_world">{place}<rotate y="1" angle="30"/></transform>{glass}</shape><emitter type="constant"/>"#
+        );
+        let text = BLOCK.replace(r#"<emitter type="constant"/>"#, &shape);
+        let (desc, sc) = scene(&text);
+        let p = sc.param_set(&desc, &["cam".to_string()]).unwrap();
+        job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    let met = |kind: &str, place: &str| {
+        let told = beside(kind, place);
+        assert!(told.contains("touch, or pass through each other"), "{kind} {place}: {told}");
+    };
+    // No edge lies on the other near any of the places that are looked at.
+    met("cube", r#"<scale x="5" y="0.05" z="0.05"/><translate x="1.5" y="0.85" z="0.8"/>"#);
+    met("cube", r#"<scale x="5" y="0.05" z="0.05"/><translate x="1.5" y="0.84999999" z="0.8"/>"#);
+    met("disk", r#"<scale value="0.2"/><rotate x="1" angle="-90"/><translate y="0.8"/>"#);
+    // Within it.
+    met("rectangle", r#"<scale value="0.2"/><rotate x="1" angle="-90"/>"#);
+    assert_eq!(beside("cube", r#"<scale x="5" y="0.05" z="0.05"/><translate x="1.5" y="0.8501" z="0.8"/>"#), "");
+    assert_eq!(beside("cube", r#"<scale value="0.79"/>"#), "");
+}
+
 #[test]
 fn vertices_behind_a_pane_look_past_edges() {
     against_differences(FOG, &[("x", 0.05), ("h", 0.05)], &["all"], 1 << 13, 0.02);
