@@ -208,8 +208,8 @@ struct Search<'a> {
     /// Ways are too many, or too long.
     crowded: bool,
     long: bool,
-    /// A border of an open face, or a block's from outside, stands in the beam.
-    parted: bool,
+    /// The shape of which the border of an open face, or a block's from outside, stands in the beam.
+    parted: Option<u32>,
 }
 
 impl Search<'_> {
@@ -266,7 +266,9 @@ impl Search<'_> {
         // A disk's border is not clipped by. What parts at the edges of a block that it leaves goes on by ways of their own (`term::hard_beam`); what passes beside a block that the
         // rest enters has its shadow.
         let cut = corners.is_empty() || area(&left) < area(polygon) * (1.0 - 1e-9);
-        self.parted |= cut && (!closed || came < 0.0);
+        if cut && (!closed || came < 0.0) {
+            self.parted = self.parted.or(Some(shape));
+        }
         for (ray, gain) in outgoing(surface, n, way.w) {
             let gain = way.gain * gain;
             if gain.max() < GAIN {
@@ -319,8 +321,8 @@ pub struct Beams {
     pub ways: Vec<Way>,
     /// Beams some of whose ways are left out, because they are too long or too many.
     pub cut: Vec<u32>,
-    /// Beams that a border of an open mirror or interface parts, or that pass beside a block that a part of them enters.
-    pub parted: Vec<u32>,
+    /// Beams that a border of an open mirror or interface parts, or that pass beside a block that a part of them enters; and the shape.
+    pub parted: Vec<(u32, u32)>,
 }
 
 impl Scene {
@@ -335,7 +337,7 @@ impl Scene {
             let frame = warp::frame(direction);
             let found = Vec::new();
             let mut search =
-                Search { scene: self, position, frame, depth, found, crowded: false, long: false, parted: false };
+                Search { scene: self, position, frame, depth, found, crowded: false, long: false, parted: None };
             let within = |s: &Instance| matches!(&s.shape, Shape::Cube(c) if c.placement.local_point(position).abs().max_element() < 1.0);
             let inside: Vec<u32> =
                 (0..self.shapes.len() as u32).filter(|&i| within(&self.shapes[i as usize])).collect();
@@ -343,8 +345,8 @@ impl Scene {
             if search.crowded || search.long && self.settings.max_depth as usize > STEPS + 2 {
                 beams.cut.push(id as u32);
             }
-            if search.parted {
-                beams.parted.push(id as u32);
+            if let Some(shape) = search.parted {
+                beams.parted.push((id as u32, shape));
             }
             beams.ways.extend(search.found);
         }

@@ -308,12 +308,14 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
     }
     for (i, l) in scene.lights.iter().enumerate() {
         let LightKind::Beam { position, direction, .. } = l.kind else { continue };
-        if scene.beams.parted.contains(&(i as u32)) {
+        if let Some(&(_, shape)) = scene.beams.parted.iter().find(|p| p.0 == i as u32) {
+            let s = &scene.shapes[shape as usize];
             let what = format!(
-                "the beam `{}` falls over the border of a mirror or interface: how that moves cannot be told yet",
-                l.name
+                "the beam `{}` falls over the border of `{}`, which mirrors or refracts: how that moves cannot be told yet",
+                l.name, s.name
             );
-            return Err(Error::usage(what, "make what it falls on larger; a Gaussian beam has six radii"));
+            let remedy = "make that larger, or the beam narrower; a Gaussian beam has six radii, and its way goes on by all faces";
+            return Err(Error::scene(&s.span, what, remedy));
         }
         if scene.medium_past(position, direction, &[], &scene.around(scene.sensors.first())).is_some() {
             let what = format!(
