@@ -40,7 +40,7 @@ pub fn to_segment(p: DVec3, a: DVec3, b: DVec3) -> f64 {
 }
 
 /// Distance between two segments.
-pub fn between_segments([a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) -> f64 {
+fn between_segments([a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) -> f64 {
     let n = (b - a).cross(d - c);
     let area2 = n.length_squared();
     // Where both are nearest to each other between their ends.
