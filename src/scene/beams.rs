@@ -34,6 +34,8 @@ pub struct Way {
     pub w: DVec3,
     /// Irradiance across w over that across the beam.
     pub gain: Rgb,
+    /// The point of a lamp that it begins at.
+    pub source: Option<DVec3>,
 }
 
 /// Planes on a way at most, ways of a beam at most, and the least share of light: below a single-precision picture's last digit.
@@ -281,7 +283,7 @@ impl Search<'_> {
             if ray.through && closed {
                 if came < 0.0 { inside.push(shape) } else { inside.retain(|&s| s != shape) }
             }
-            self.grow(Way { light: way.light, steps, w: ray.w, gain }, &left, &inside);
+            self.grow(Way { light: way.light, steps, w: ray.w, gain, source: None }, &left, &inside);
         }
     }
 }
@@ -341,7 +343,11 @@ impl Scene {
             let within = |s: &Instance| matches!(&s.shape, Shape::Cube(c) if c.placement.local_point(position).abs().max_element() < 1.0);
             let inside: Vec<u32> =
                 (0..self.shapes.len() as u32).filter(|&i| within(&self.shapes[i as usize])).collect();
-            search.grow(Way { light: id as u32, steps: Vec::new(), w: direction, gain: Rgb::ONE }, &square, &inside);
+            search.grow(
+                Way { light: id as u32, steps: Vec::new(), w: direction, gain: Rgb::ONE, source: None },
+                &square,
+                &inside,
+            );
             if search.crowded || search.long && self.settings.max_depth as usize > STEPS + 2 {
                 beams.cut.push(id as u32);
             }

@@ -3,8 +3,8 @@
 //! Of every shape it is known which bodies it lies in as a whole, and from which it lies apart, or which lie in it. Light meets it only from within all of the first and none of the others: it
 //! comes to a body that lies in another one by way of that. A shape that goes through the border of a body is neither, and may be met from anywhere.
 
-use super::Instance;
-use super::chains::Face;
+use super::chains::{self, Face};
+use super::{Instance, Scene};
 use crate::math::DVec3;
 use crate::shape::edges::{is_flat, with_corners};
 use crate::shape::{Geometry, Shape, TriangleMesh};
@@ -68,8 +68,8 @@ fn corners(s: &Shape) -> Vec<DVec3> {
 }
 
 impl Bodies {
-    /// Of `smooth` shapes with these `faces`. What is nearer than `slack` to a plane is on neither side of it.
-    pub fn new(shapes: &[Instance], faces: &[Face], smooth: impl Fn(&Instance) -> bool, slack: f64) -> Bodies {
+    /// Of `smooth` shapes. What is nearer than `slack` to a plane is on neither side of it.
+    fn new(shapes: &[Instance], smooth: impl Fn(&Instance) -> bool, slack: f64) -> Bodies {
         let is_body = |s: &Instance| match &s.shape {
             Shape::Cube(_) => true,
             Shape::Mesh(m) => {
@@ -77,14 +77,14 @@ impl Bodies {
             }
             _ => false,
         };
-        let body = |shape: u32| {
-            let own = || faces.iter().filter(|f| f.shape == shape);
-            let c = own().map(|f| f.p).sum::<DVec3>() / own().count().max(1) as f64;
-            let planes = own().map(|f| [f.p, if f.n.dot(f.p - c) < 0.0 { -f.n } else { f.n }]);
+        let body = |shape: u32, s: &Shape| {
+            let own: Vec<Face> = (0..s.face_count()).filter_map(|f| chains::face(shape, s, f)).collect();
+            let c = own.iter().map(|f| f.p).sum::<DVec3>() / own.len().max(1) as f64;
+            let planes = own.iter().map(|f| [f.p, if f.n.dot(f.p - c) < 0.0 { -f.n } else { f.n }]);
             Body { shape, planes: planes.collect() }
         };
         let chosen = (0..).zip(shapes).filter(|(_, s)| smooth(s) && is_body(s)).take(MOST);
-        let mut list: Vec<Body> = chosen.map(|(id, _)| body(id)).collect();
+        let mut list: Vec<Body> = chosen.map(|(id, s)| body(id, &s.shape)).collect();
         list.retain(|b| b.planes.len() >= LEAST);
         let mut places = vec![[0; 2]; shapes.len()];
         if list.is_empty() {
@@ -133,6 +133,14 @@ impl Bodies {
         let Some((_, b)) = other else { return true };
         let inner = b.planes.iter().map(|x| x[0]).sum::<DVec3>() / b.planes.len() as f64;
         front == ((inner - f.p).dot(f.n) < 0.0)
+    }
+}
+
+impl Scene {
+    /// List them; call when shapes and surfaces are known.
+    pub fn prepare_bodies(&mut self) {
+        let smooth = |s: &Instance| self.surfaces[s.surface as usize].is_smooth() && chains::has_flat_faces(s);
+        self.bodies = Bodies::new(&self.shapes, smooth, chains::SLACK * self.bounds.radius());
     }
 }
 

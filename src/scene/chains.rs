@@ -7,7 +7,7 @@
 //!
 //! Beams are followed here where a chain has a mesh's facet; other chains are [`super::beams`]'s.
 
-use super::bodies::{self, Bodies};
+use super::bodies;
 use super::reach::Reach;
 use super::{Instance, Scene, beams};
 use crate::light::{Light, LightKind, Origin};
@@ -28,6 +28,8 @@ pub const MOST: usize = 4;
 /// Chains of a scene at most, and so many that a point of it asks for on average.
 const CHAINS: f64 = 262_144.0;
 const ASKED: f64 = 1000.0;
+/// Chains of a lamp at most: all others are left to chance.
+const LAMPS: f64 = 4096.0;
 /// Ways that wait to be followed further at most: hundreds of megabytes. Facets at most.
 const WAITING: usize = 1 << 20;
 const FACES: usize = 1 << 20;
@@ -35,7 +37,7 @@ const FACES: usize = 1 << 20;
 const REFLECTED: f64 = 0.1;
 const TOTAL: f64 = 0.5;
 /// Of angles, and of lengths over the scene's radius, for rounding.
-const SLACK: f64 = 1e-9;
+pub(super) const SLACK: f64 = 1e-9;
 
 /// A flat smooth face.
 #[derive(Clone, Debug)]
@@ -123,8 +125,6 @@ pub struct Chain {
 pub struct Chains {
     pub faces: Vec<Face>,
     pub list: Vec<Chain>,
-    /// Those that light may be in.
-    pub bodies: Bodies,
     /// What they send on.
     reach: Reach,
     /// Some were left out: there are too many.
@@ -145,6 +145,16 @@ impl Chains {
                 found(id)
             }
         });
+    }
+
+    /// The last face of a chain sends light to one side only: whether x is there.
+    pub fn may_reach(&self, chain: &Chain, x: DVec3) -> bool {
+        let sends = |last: &Link| {
+            let face = &self.faces[last.face as usize];
+            let side = (x - face.p).dot(face.n);
+            side != 0.0 && (side > 0.0) == (last.front != last.through)
+        };
+        chain.links.last().is_some_and(sends)
     }
 
     /// The plane of a link, with indices.
@@ -202,6 +212,31 @@ struct Way {
     by_facets: bool,
 }
 
+/// Where light comes from.
+#[derive(Clone, Copy)]
+enum Source {
+    Origin(Origin<f64>),
+    /// A lamp within a ball.
+    Lamp(Ball),
+}
+
+impl Source {
+    /// Whether any of it comes from before a plane, > 0, or from behind, < 0.
+    fn is_on(&self, sign: f64, p: DVec3, n: DVec3) -> bool {
+        match self {
+            Source::Origin(from) => sign * height(*from, p, n) > 0.0,
+            Source::Lamp(b) => sign * (b.center - p).dot(n) > -b.radius,
+        }
+    }
+}
+
+/// How many chains are listed at most, and so many of them that a point of the scene asks for on average.
+#[derive(Clone, Copy)]
+struct Limits {
+    listed: f64,
+    asked: f64,
+}
+
 /// Where its light begins, if that is a place.
 fn stands(light: &Light) -> Option<DVec3> {
     match light.kind {
@@ -211,10 +246,11 @@ fn stands(light: &Light) -> Option<DVec3> {
 }
 
 /// Directions of light to a face.
-fn cone(from: Origin<f64>, corners: &[DVec3]) -> Cone {
+fn cone(from: Source, corners: &[DVec3]) -> Cone {
     match from {
-        Origin::Position(q) => Cone::around(corners.iter().map(|&c| (c - q.value()).normalize())),
-        Origin::Infinity(w) => Cone { axis: w.value(), angle: 0.0 },
+        Source::Origin(Origin::Position(q)) => Cone::around(corners.iter().map(|&c| (c - q.value()).normalize())),
+        Source::Origin(Origin::Infinity(w)) => Cone { axis: w.value(), angle: 0.0 },
+        Source::Lamp(_) => Cone::ALL,
     }
 }
 
@@ -228,16 +264,16 @@ fn height(from: Origin<f64>, p: DVec3, n: DVec3) -> f64 {
 
 impl Search<'_> {
     /// Whether light on the way may meet a face from its front, or from its back.
-    fn meets(&self, way: &Way, from: Origin<f64>, k: u32, front: bool) -> bool {
+    fn meets(&self, way: &Way, from: Source, k: u32, front: bool) -> bool {
         let f = &self.found.faces[k as usize];
         let sign = if front { 1.0 } else { -1.0 };
         let sense = self.senses[f.shape as usize];
         if sense.is_closed && way.inside.contains(&f.shape) != (front == sense.is_turned)
-            || !self.found.bodies.may_meet(f.shape, way.within)
+            || !self.scene.bodies.may_meet(f.shape, way.within)
         {
             return false;
         }
-        let Some(link) = way.links.last() else { return sign * height(from, f.p, f.n) > 0.0 };
+        let Some(link) = way.links.last() else { return from.is_on(sign, f.p, f.n) };
         let last = &self.found.faces[link.face as usize];
         // The side that light leaves to.
         let out = if link.front == link.through { -1.0 } else { 1.0 };
@@ -248,7 +284,7 @@ impl Search<'_> {
     }
 
     /// The way behind a face; `None` where no light goes there.
-    fn step(&self, from: Origin<f64>, way: &Way, k: u32, front: bool, through: bool) -> Option<Way> {
+    fn step(&self, from: Source, way: &Way, k: u32, front: bool, through: bool) -> Option<Way> {
         let face = &self.found.faces[k as usize];
         let shape = &self.scene.shapes[face.shape as usize];
         let glass = match &self.scene.surfaces[shape.surface as usize] {
@@ -284,7 +320,7 @@ impl Search<'_> {
             } else {
                 next.inside.retain(|s| *s != face.shape)
             }
-            next.within = next.within.map(|set| set ^ self.found.bodies.of(face.shape));
+            next.within = next.within.map(|set| set ^ self.scene.bodies.of(face.shape));
         }
         next.links.push(link);
         next.pencil = Some(Pencil::new(face.center, face.radius, behind));
@@ -311,15 +347,20 @@ impl Search<'_> {
         found
     }
 
-    /// All chains of a light, or what is its `share` of those that there may be.
-    fn all(&mut self, id: u32, from: Origin<f64>, longest: usize, share: f64) {
+    /// All chains of a light, as far as the limits go.
+    fn all(&mut self, id: u32, from: Source, longest: usize, limits: Limits) {
         let light = &self.scene.lights[id as usize];
-        let inside = self.holders(light);
         let slack = SLACK * self.scene.bounds.radius();
-        let stands = stands(light);
-        let within = stands.map_or(Some(0), |q| self.found.bodies.around_lamp(q, slack));
-        let begin = Way { links: SmallVec::new(), inside, within, weak: 0, total: 0, pencil: None, by_facets: false };
+        let (stands, pencil) = match from {
+            Source::Origin(_) => (stands(light), None),
+            Source::Lamp(b) => (Some(b.center), Some(Pencil::new(b.center, b.radius, Cone::ALL))),
+        };
+        let inside = self.holders(stands);
+        let within = stands.map_or(Some(0), |q| self.scene.bodies.around_lamp(q, slack));
+        let begin = Way { links: SmallVec::new(), inside, within, weak: 0, total: 0, pencil, by_facets: false };
         let is_beam = matches!(light.kind, LightKind::Beam { .. });
+        // Others list single faces of what is no mesh.
+        let least = if matches!(from, Source::Lamp(_)) { 1 } else { 2 };
         // By reflections at glass, then by faces.
         let mut open: BTreeMap<(u32, usize), VecDeque<Way>> = BTreeMap::from([((0, 0), VecDeque::from([begin]))]);
         let (mut listed, mut sum, mut waiting) = (0.0, 0.0, 1);
@@ -329,12 +370,12 @@ impl Search<'_> {
                 continue;
             };
             waiting -= 1;
-            let counts = way.by_facets || !is_beam && way.links.len() > 1;
+            let counts = way.by_facets || !is_beam && way.links.len() >= least;
             if let Some(pencil) = way.pencil.filter(|_| counts) {
                 let asked = REFLECTED.powi(way.weak as i32) * TOTAL.powi(way.total as i32);
                 listed += 1.0;
                 sum += asked * pencil.share(self.scene.bounds.radius());
-                if listed > CHAINS * share || sum > ASKED * share {
+                if listed > limits.listed || sum > limits.asked {
                     self.found.cut = true;
                     return;
                 }
@@ -365,7 +406,7 @@ impl Search<'_> {
     }
 
     /// Closed shapes that a light stands in.
-    fn holders(&self, light: &Light) -> SmallVec<[u32; 2]> {
+    fn holders(&self, stands: Option<DVec3>) -> SmallVec<[u32; 2]> {
         let within = |s: &Instance, q: DVec3| match &s.shape {
             Shape::Cube(c) => c.placement.local_point(q).abs().max_element() < 1.0,
             Shape::Mesh(m) => winding((0..s.shape.face_count()).map(|f| m.corners(f)), q).abs() > 0.5,
@@ -373,8 +414,7 @@ impl Search<'_> {
         };
         let smooth = |i: &u32| self.scene.surface_of(*i).is_smooth();
         let all = (0..self.scene.shapes.len() as u32).filter(smooth);
-        stands(light)
-            .map_or_else(SmallVec::new, |q| all.filter(|&i| within(&self.scene.shapes[i as usize], q)).collect())
+        stands.map_or_else(SmallVec::new, |q| all.filter(|&i| within(&self.scene.shapes[i as usize], q)).collect())
     }
 
     /// Whether two faces of different shapes lie in one another.
@@ -408,7 +448,7 @@ fn winding(triangles: impl Iterator<Item = [DVec3; 3]>, q: DVec3) -> f64 {
 }
 
 /// A face; `None` where it has no area.
-fn face(id: u32, s: &Shape, face: u32) -> Option<Face> {
+pub(super) fn face(id: u32, s: &Shape, face: u32) -> Option<Face> {
     let at = |u: f64, v: f64| s.position(face, DVec2::new(u, v));
     let corners: SmallVec<[DVec3; 4]> = match s {
         Shape::Mesh(m) if m.is_degenerate(face) => return None,
@@ -429,20 +469,15 @@ fn face(id: u32, s: &Shape, face: u32) -> Option<Face> {
 }
 
 impl Scene {
-    /// List them; call when shapes, surfaces and lights are known.
-    pub fn prepare_chains(&mut self) {
-        let mut sources: Vec<(u32, Origin<f64>)> =
-            (0..).zip(&self.lights).filter_map(|(id, l)| Some((id, l.origin()?))).collect();
-        let smooth = |s: &Instance| self.surfaces[s.surface as usize].is_smooth() && has_flat_faces(s);
-        let shapes = || (0..).zip(&self.shapes).filter(|(_, s)| smooth(s));
-        if !shapes().any(|(_, s)| matches!(s.shape, Shape::Mesh(_))) {
-            sources.retain(|s| self.lights[s.0 as usize].is_delta());
-        }
-        if sources.is_empty() {
-            return;
-        }
+    /// Whether chains may lead by a shape.
+    fn has_links(&self, s: &Instance) -> bool {
+        self.surfaces[s.surface as usize].is_smooth() && has_flat_faces(s)
+    }
+
+    /// A search among all faces that chains may lead by.
+    fn search(&self) -> Search<'_> {
         let mut found = Chains::default();
-        for (id, s) in shapes() {
+        for (id, s) in (0..).zip(&self.shapes).filter(|(_, s)| self.has_links(s)) {
             let n = s.shape.face_count();
             if found.faces.len() + n as usize > FACES {
                 found.cut = true;
@@ -450,7 +485,6 @@ impl Scene {
             }
             found.faces.extend((0..n).filter_map(|f| face(id, &s.shape, f)));
         }
-        found.bodies = Bodies::new(&self.shapes, &found.faces, |s| smooth(s), SLACK * self.bounds.radius());
         let sense = |s: &Instance| match &s.shape {
             Shape::Mesh(m) => {
                 let t = m.topology();
@@ -466,17 +500,58 @@ impl Scene {
         };
         let ball = |f: &Face| Ball { center: f.center, radius: f.radius };
         let near = BallTree::new(found.faces.iter().map(ball).collect());
-        let senses = self.shapes.iter().map(sense).collect();
-        let mut search = Search { scene: self, senses, near, pencils: Vec::new(), found };
-        search.found.touching = search.touch();
-        let longest = (self.settings.max_depth.saturating_sub(2) as usize).min(MOST);
-        for &(id, from) in &sources {
-            search.all(id, from, longest, 1.0 / sources.len() as f64);
+        Search { scene: self, senses: self.shapes.iter().map(sense).collect(), near, pencils: Vec::new(), found }
+    }
+
+    /// Faces of a chain at most, as far as the picture counts scatterings.
+    fn longest_chain(&self) -> usize {
+        (self.settings.max_depth.saturating_sub(2) as usize).min(MOST)
+    }
+
+    /// List them; call when shapes, surfaces and lights are known.
+    pub fn prepare_chains(&mut self) {
+        let mut sources: Vec<(u32, Origin<f64>)> =
+            (0..).zip(&self.lights).filter_map(|(id, l)| Some((id, l.origin()?))).collect();
+        if !self.shapes.iter().any(|s| self.has_links(s) && matches!(s.shape, Shape::Mesh(_))) {
+            sources.retain(|s| self.lights[s.0 as usize].is_delta());
         }
-        let Search { mut found, pencils, .. } = search;
-        let asked: Vec<f64> = found.list.iter().map(|c| c.asked).collect();
-        found.reach = Reach::new(pencils, &asked);
+        if sources.is_empty() {
+            return;
+        }
+        let mut search = self.search();
+        search.found.touching = search.touch();
+        let share = 1.0 / sources.len() as f64;
+        for &(id, from) in &sources {
+            let limits = Limits { listed: CHAINS * share, asked: ASKED * share };
+            search.all(id, Source::Origin(from), self.longest_chain(), limits);
+        }
+        let mut found = search.finish();
         found.long &= self.settings.max_depth as usize > MOST + 2;
         self.chains = found;
+    }
+
+    /// By which faces light of a lamp goes, and about how many of these chains a vertex would ask for; they are asked for less often where that is more than `asked`. `None` where there are none.
+    pub(super) fn chains_of_lamp(&self, light: u32, lamp: &Instance, asked: f64) -> Option<(Chains, f64)> {
+        if !self.shapes.iter().any(|s| self.has_links(s)) || !self.is_clear_of_glass(lamp) {
+            return None;
+        }
+        let bounds = lamp.shape.bounds();
+        let ball = Ball { center: bounds.center(), radius: bounds.radius() };
+        let mut search = self.search();
+        let limits = Limits { listed: LAMPS, asked: ASKED };
+        search.all(light, Source::Lamp(ball), self.longest_chain(), limits);
+        let size = self.bounds.radius();
+        let sum: f64 = search.found.list.iter().zip(&search.pencils).map(|(c, p)| c.asked * p.share(size)).sum();
+        search.found.list.iter_mut().for_each(|c| c.asked *= (asked / sum).min(1.0));
+        Some((search.finish(), sum)).filter(|c| !c.0.list.is_empty())
+    }
+}
+
+impl Search<'_> {
+    fn finish(self) -> Chains {
+        let Search { mut found, pencils, .. } = self;
+        let asked: Vec<f64> = found.list.iter().map(|c| c.asked).collect();
+        found.reach = Reach::new(pencils, &asked);
+        found
     }
 }

@@ -1,12 +1,14 @@
 //! From parts to a scene that can be rendered: files are loaded, Embree is built, media and lights get their tables.
 
 use super::beams::Beams;
+use super::bodies::Bodies;
 use super::bright::Bright;
 use super::chains::Chains;
 use super::columns::Columns;
 use super::critical::Critical;
 use super::desc::SceneDesc;
 use super::geometry::Group;
+use super::lamps::Lamps;
 use super::parts::{
     GlowPart, LightKindPart, MediumPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart, VolumePart,
 };
@@ -142,6 +144,8 @@ impl Scene {
             columns: Columns::default(),
             panes: Vec::new(),
             chains: Chains::default(),
+            bodies: Bodies::default(),
+            lamps: Lamps::default(),
             balls: Vec::new(),
             seeds: Vec::new(),
             sheltered: Vec::new(),
@@ -154,7 +158,9 @@ impl Scene {
         scene.prepare_beams();
         scene.prepare_columns();
         scene.prepare_panes();
+        scene.prepare_bodies();
         scene.prepare_chains();
+        scene.prepare_lamps();
         scene.prepare_balls();
         scene.prepare_seeds();
         scene.prepare_bright();

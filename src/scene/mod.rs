@@ -15,6 +15,7 @@ pub mod desc;
 pub mod effort;
 pub mod frame;
 pub mod geometry;
+pub mod lamps;
 pub mod lights;
 pub mod march;
 pub mod matter;
@@ -207,6 +208,10 @@ pub struct Scene {
     pub panes: Vec<panes::Pane>,
     /// The same, several in turn.
     pub chains: chains::Chains,
+    /// Those that light may be in.
+    pub bodies: bodies::Bodies,
+    /// Lamps beside such faces.
+    pub lamps: lamps::Lamps,
     /// Of every light that stands in a medium, for the light-centred one.
     pub embedded: Discrete,
     /// Where media glow, for connections to it.

@@ -109,7 +109,7 @@ pub struct Met {
 /// The bodies that a span lies in: it ends at what is smooth.
 pub fn around(scene: &Scene, span: &MediumSpan) -> Set {
     let t = if span.t1.is_finite() { 0.5 * (span.t0 + span.t1) } else { f64::MAX.sqrt() };
-    scene.chains.bodies.holding(span.o + span.w * t)
+    scene.bodies.holding(span.o + span.w * t)
 }
 
 /// Steps, each with where it is taken.
@@ -120,7 +120,7 @@ type Way = (SmallVec<[Link; MOST]>, f64);
 
 /// All ways of a light, and the bodies that it is in.
 fn ways(scene: &Scene, id: u32) -> (Vec<Way>, Set) {
-    let (light, bodies) = (&scene.lights[id as usize], &scene.chains.bodies);
+    let (light, bodies) = (&scene.lights[id as usize], &scene.bodies);
     let Some(from) = light.origin() else { return (Vec::new(), 0) };
     let faces = &scene.chains.faces;
     let begins = light.center().map_or(0, |q| bodies.holding(q));
@@ -139,8 +139,7 @@ fn ways(scene: &Scene, id: u32) -> (Vec<Way>, Set) {
 
 /// The bodies that light is in before each face of a way, and behind all.
 fn sets(scene: &Scene, begins: Set, links: &[Link]) -> SmallVec<[Set; MOST + 1]> {
-    let passed =
-        |l: &Link| if l.through { scene.chains.bodies.of(scene.chains.faces[l.face as usize].shape) } else { 0 };
+    let passed = |l: &Link| if l.through { scene.bodies.of(scene.chains.faces[l.face as usize].shape) } else { 0 };
     let behind = links.iter().scan(begins, |set, l| {
         *set ^= passed(l);
         Some(*set)
@@ -176,7 +175,7 @@ pub fn of_light(scene: &Scene, id: u32) -> Vec<Sheet> {
             let around = [at.checked_sub(1), Some(at)].map(|k| Some(faces[links.get(k?)?.face as usize].shape));
             let stands = |b: &&Border| {
                 let (shape, _) = b.own();
-                !around.contains(&Some(shape)) && scene.chains.bodies.may_meet(shape, Some(within[at]))
+                !around.contains(&Some(shape)) && scene.bodies.may_meet(shape, Some(within[at]))
             };
             for b in borders.iter().filter(stands) {
                 add(at, true, b.clone());
@@ -225,7 +224,7 @@ pub fn overlapping(scene: &Scene, apart: impl Fn(u32, u32) -> bool) -> Option<(u
 pub fn count(scene: &Scene, id: u32) -> usize {
     let borders = borders(scene);
     let (ways, begins) = ways(scene, id);
-    let stand = |set: Set| borders.iter().filter(|b| scene.chains.bodies.may_meet(b.own().0, Some(set))).count();
+    let stand = |set: Set| borders.iter().filter(|b| scene.bodies.may_meet(b.own().0, Some(set))).count();
     let mut known: HashMap<Set, usize> = HashMap::new();
     let mut of_set = |set: Set| *known.entry(set).or_insert_with(|| stand(set));
     ways.iter()
@@ -352,7 +351,7 @@ impl Sheet {
                 Origin::Infinity(w) => Some(w.value()),
             };
         }
-        match chain::arrival(scene, &self.links[..self.at], from, z, false) {
+        match chain::arrival(scene, &scene.chains, &self.links[..self.at], from, z, false) {
             fermat::Way::Found(w) => Some(w),
             fermat::Way::None => None,
             fermat::Way::Lost => {
@@ -393,7 +392,7 @@ impl Sheet {
     fn known(&self, scene: &Scene, s: f64) -> Option<(Ray, Margins)> {
         let z = self.point(s);
         let comes = self.comes(scene, z, &mut 0)?;
-        let (_, before, _) = chain::steps(scene, &self.links[..self.at], (z, comes), false)?;
+        let (_, before, _) = chain::steps(scene, &scene.chains, &self.links[..self.at], (z, comes), false)?;
         let (behind, ray) = self.leaves(scene, z, comes)?;
         let faces = |links: &[Link]| links.iter().map(|l| &scene.chains.faces[l.face as usize]).collect::<Vec<_>>();
         let (first, last) = (faces(&self.links[..self.at]), faces(&self.links[self.at..]));
@@ -505,7 +504,7 @@ impl Sheet {
     pub fn met(&self, scene: &Scene, s: f64, unsettled: &mut u64) -> Option<Met> {
         let z = self.point(s);
         let comes = self.comes(scene, z, unsettled)?;
-        let (before, points, _) = chain::steps(scene, &self.links[..self.at], (z, comes), false)?;
+        let (before, points, _) = chain::steps(scene, &scene.chains, &self.links[..self.at], (z, comes), false)?;
         let (behind, ray) = self.leaves(scene, z, comes)?;
         let along = self.along();
         let (mut steps, mut idle) = (SmallVec::from_vec(before), None);
@@ -528,7 +527,8 @@ impl Sheet {
     pub fn arrives(&self, scene: &Scene, (y, on, medium): (DVec3, On, Option<u32>), unsettled: &mut u64) -> Rgb {
         let light = &scene.lights[self.light as usize];
         let mut found = || {
-            let (way, points) = chain::way(scene, (self.light, &self.links), self.from(scene)?, y, unsettled)?;
+            let (way, points) =
+                chain::way(scene, &scene.chains, (self.light, &self.links), self.from(scene)?, y, unsettled)?;
             let emission = light.emission_toward(points.last().copied().unwrap_or(y))?;
             let clear = beam::clear(scene, &way, &points, (y, on, medium), &mut |_| {})?;
             Some(emission.color() * clear * way.gain)

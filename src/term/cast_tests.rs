@@ -50,7 +50,7 @@ fn compiled(body: &str) -> Scene {
 #[test]
 fn light_jumps_at_sheets_alone() {
     for (light, scene) in [LAMP, SUN].into_iter().flat_map(|l| [(l, blocks(l)), (l, prism(l)), (l, nested(l))]) {
-        let bodies = &scene.chains.bodies;
+        let bodies = &scene.bodies;
         let (all, begins) = ways(&scene, 0);
         // Facets in one plane count as one face: what one leaves another takes over.
         let faces = &scene.chains.faces;
@@ -125,7 +125,7 @@ fn light_jumps_at_sheets_alone() {
 #[test]
 fn light_meets_what_it_can() {
     let scene = nested(LAMP);
-    let bodies = &scene.chains.bodies;
+    let bodies = &scene.bodies;
     let named = |k: usize| (k as u32, bodies.of(k as u32));
     let [(outer, in_outer), (inner, in_inner), (bar, none)] = [0, 1, 2].map(named);
     assert!(in_outer != 0 && in_inner != 0 && none == 0);
@@ -141,5 +141,5 @@ fn light_meets_what_it_can() {
     assert_eq!(bodies.around_lamp(top * 1.1, 1e-9), Some(0));
     // Two blocks beside each other.
     let scene = blocks(LAMP);
-    assert!(!scene.chains.bodies.may_meet(1, Some(scene.chains.bodies.of(0))));
+    assert!(!scene.bodies.may_meet(1, Some(scene.bodies.of(0))));
 }

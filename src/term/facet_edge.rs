@@ -292,7 +292,7 @@ impl FacetEdges {
             return None;
         }
         let medium = scene.shapes[hit.shape as usize].medium_behind(shot.w, hit.n, shot.medium);
-        let way = Way { light: spot.lamp.light, steps: Vec::new(), w: -wo, gain: Rgb::ONE };
+        let way = Way { light: spot.lamp.light, steps: Vec::new(), w: -wo, gain: Rgb::ONE, source: None };
         let clear = beam::clear(scene, &way, &[], (hit.p, On::at(hit), medium), &mut |_| {})?;
         let flux = clear * emission.color() * (factor * value * hit.n.dot(wi).abs() * spot.length / steep);
         cx.tally.nonfinite += u64::from(!flux.is_finite());

@@ -78,6 +78,6 @@ impl BallOf {
             before = behind;
         }
         let points = (0..n).rev().map(at).collect();
-        (!gain.is_zero() && gain.is_finite()).then_some((Way { light, steps, w: before, gain }, points))
+        (!gain.is_zero() && gain.is_finite()).then_some((Way { light, steps, w: before, gain, source: None }, points))
     }
 }

@@ -170,7 +170,7 @@ pub fn clear(
         let length = match (step, &light.kind) {
             (Some(_), _) => f64::INFINITY,
             (None, LightKind::Beam { position, direction, .. }) => (ray.o - *position).dot(*direction),
-            (None, _) => light.center().map_or(f64::INFINITY, |q| (q - ray.o).length()),
+            (None, _) => way.source.or(light.center()).map_or(f64::INFINITY, |q| (q - ray.o).length()),
         };
         // Up to the next step, or to the light, whatever that stands on.
         let end = loop {

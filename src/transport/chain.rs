@@ -14,7 +14,7 @@ use crate::math::fresnel::Interface;
 use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, Dual, Rgb, V3, warp};
 use crate::scene::beams::{Step, Way};
-use crate::scene::chains::{Link, MOST};
+use crate::scene::chains::{Chains, Link, MOST};
 use crate::scene::{Scene, effort};
 use smallvec::SmallVec;
 
@@ -41,18 +41,13 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         if !w.may_scatter(order) || order < w.set.min_order {
             continue;
         }
-        // The last face sends light to one side only.
-        let Some(last) = chain.links.last() else { continue };
-        let face = &chains.faces[last.face as usize];
-        let side = (s.o - face.p).dot(face.n);
-        if side == 0.0 || (side > 0.0) != (last.front != last.through) {
+        if !chains.may_reach(chain, s.o) {
             continue;
         }
         let light = &scene.lights[chain.light as usize];
         let Some(from) = light.origin() else { continue };
-        let Some((mut way, points)) = way(scene, (chain.light, &chain.links), from, s.o, &mut w.tally.unsettled) else {
-            continue;
-        };
+        let found = way(scene, chains, (chain.light, &chain.links), from, s.o, &mut w.tally.unsettled);
+        let Some((mut way, points)) = found else { continue };
         way.gain *= 1.0 / chain.asked;
         let Some(&first) = points.last() else { continue };
         let Some(emission) = light.emission_toward(first) else { continue };
@@ -61,12 +56,19 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
 }
 
 /// The direction in which light by the planes of some links arrives at x. `hulls`: only if it meets each within its face.
-pub fn arrival(scene: &Scene, links: &[Link], from: Origin<f64>, x: DVec3, hulls: bool) -> fermat::Way<DVec3> {
-    let folds = links.iter().map(|l| scene.chains.fold(scene, l));
+pub fn arrival(
+    scene: &Scene,
+    chains: &Chains,
+    links: &[Link],
+    from: Origin<f64>,
+    x: DVec3,
+    hulls: bool,
+) -> fermat::Way<DVec3> {
+    let folds = links.iter().map(|l| chains.fold(scene, l));
     match from {
         Origin::Position(q) => {
             effort::note(2);
-            let hull = |l: &Link| scene.chains.faces[l.face as usize].corners().into();
+            let hull = |l: &Link| chains.faces[l.face as usize].corners().into();
             let (image, unfolded) = fold::unfold(q.value(), folds.zip(links.iter().map(hull)));
             let list: SmallVec<[&[DVec3]; MOST]> = unfolded.iter().map(|u| &u.1[..]).collect();
             let planes = Planes::new(unfolded.iter().map(|u| u.0), Onward::Both);
@@ -81,6 +83,7 @@ pub fn arrival(scene: &Scene, links: &[Link], from: Origin<f64>, x: DVec3, hulls
 /// The steps of light that arrives at x along w by the planes of some links, in its order; its points on them, the last one first; and the direction in which it starts. `None` where it misses a plane, or a face that it has to meet `within`.
 pub fn steps(
     scene: &Scene,
+    chains: &Chains,
     links: &[Link],
     (x, w): (DVec3, DVec3),
     within: bool,
@@ -89,7 +92,7 @@ pub fn steps(
     let mut points: SmallVec<[DVec3; MOST]> = SmallVec::new();
     let mut steps = Vec::with_capacity(links.len());
     for link in links.iter().rev() {
-        let (face, f) = (&scene.chains.faces[link.face as usize], scene.chains.fold(scene, link));
+        let (face, f) = (&chains.faces[link.face as usize], chains.fold(scene, link));
         let t = (p - f.p).dot(f.n) / w.dot(f.n);
         p -= w * t;
         if t.is_nan() || t <= 0.0 || within && !face.holds(p) {
@@ -111,12 +114,13 @@ pub fn steps(
 /// The way of a light to x by some faces, and its points from the last one to the first; `None` where it misses a face. Searches that do not settle are counted.
 pub fn way(
     scene: &Scene,
+    chains: &Chains,
     (light, links): (u32, &[Link]),
     from: Origin<f64>,
     x: DVec3,
     unsettled: &mut u64,
 ) -> Option<(Way, SmallVec<[DVec3; MOST]>)> {
-    let arrives = match arrival(scene, links, from, x, true) {
+    let arrives = match arrival(scene, chains, links, from, x, true) {
         fermat::Way::Found(w) => w,
         fermat::Way::None => return None,
         fermat::Way::Lost => {
@@ -124,24 +128,36 @@ pub fn way(
             return None;
         }
     };
-    let (steps, points, before) = steps(scene, links, (x, arrives), true)?;
+    let found = along(scene, chains, (light, links), from, (x, arrives))?;
     // Where the solution is one, the line ends at the light.
-    if let Origin::Position(q) = from {
-        let p = points.last().copied().unwrap_or(x);
+    if let (Origin::Position(q), Some(first)) = (from, found.0.steps.first()) {
+        let p = found.1.last().copied().unwrap_or(x);
         let off = p - q.value();
-        if (off - before * off.dot(before)).length() > MISS * ((x - p).length() + off.length()) {
+        if (off - first.before * off.dot(first.before)).length() > MISS * ((x - p).length() + off.length()) {
             *unsettled += 1;
             return None;
         }
-        if off.dot(before) <= 0.0 {
+        if off.dot(first.before) <= 0.0 {
             return None;
         }
     }
-    let folds: SmallVec<[Fold; MOST]> = links.iter().map(|l| scene.chains.fold(scene, l)).collect();
+    Some(found)
+}
+
+/// The same where it is known from where light arrives.
+pub fn along(
+    scene: &Scene,
+    chains: &Chains,
+    (light, links): (u32, &[Link]),
+    from: Origin<f64>,
+    (x, arrives): (DVec3, DVec3),
+) -> Option<(Way, SmallVec<[DVec3; MOST]>)> {
+    let (steps, points, before) = steps(scene, chains, links, (x, arrives), true)?;
+    let folds: SmallVec<[Fold; MOST]> = links.iter().map(|l| chains.fold(scene, l)).collect();
     let gain = spread(&folds, from, before, x)?;
     let shares = steps.iter().fold(Rgb::ONE, |g, s| g * pane::share(scene, s));
     let gain = shares * gain;
-    let way = Way { light, steps, w: arrives, gain };
+    let way = Way { light, steps, w: arrives, gain, source: None };
     (!gain.is_zero() && gain.is_finite()).then_some((way, points))
 }
 

@@ -58,7 +58,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         let Some(emission) = light.emission_toward(first).filter(|_| !gain.is_zero() && gain.is_finite()) else {
             continue;
         };
-        let mut way = Way { light: id as u32, w: last.behind, gain, steps };
+        let mut way = Way { light: id as u32, w: last.behind, gain, steps, source: None };
         // Seen before it is looked for again.
         if vertex.toward(scene, s, -way.w).lobe.f <= 0.0 {
             continue;

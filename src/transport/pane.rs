@@ -154,7 +154,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             let Some(emission) = light.emission_toward(at) else { continue };
             let step =
                 Step { shape: pane.shape, face: pane.face, p: pane.p, n: pane.n, before, behind, through: r.through };
-            let way = Way { light: id as u32, steps: vec![step], w: behind, gain };
+            let way = Way { light: id as u32, steps: vec![step], w: behind, gain, source: None };
             score(w, s, vertex, &Found { way: &way, points: &[at], emission });
         }
     }
@@ -205,7 +205,10 @@ pub(super) fn score<R: Recorder>(w: &mut Walker<R>, s: &State, vertex: &Vertex, 
     let value = weight * f.emission.color();
     w.value += value;
     w.rec.score(s.depth + f.way.steps.len() as u32, value);
-    if R::ON {
+    // Where vertices move derivatives find lamps by chance alone.
+    if R::ON && f.way.source.is_some() && !w.rec.is_still() {
+        w.rec.side_truncate(first);
+    } else if R::ON {
         let (spans, phase) = (w.rec.side_len() - first, [phase, None]);
         let Found { way, points, emission } = *f;
         let (light, len, at) = (way.light, way.steps.len() as u32, points.last().copied().unwrap_or(s.o));

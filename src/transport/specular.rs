@@ -9,6 +9,7 @@ use super::ray::Specular;
 use super::record::{Event, Recorder};
 use super::walk::{Flight, Stage, State, Walker};
 use crate::math::DVec3;
+use crate::scene::lamps::Passage;
 use crate::scene::{Hit, On, Scene};
 use crate::surface::{Ray, Surface};
 
@@ -34,6 +35,10 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
     let rays = rays.map(|r| r.filter(|r| !w.is_lost(k, behind(r))));
     let tolerance = w.scene.tolerance(hit.p);
     let first = s.direct && s.depth == 0;
+    let passage = match s.pdf_direction > 0.0 && w.seeks_lamps(s) {
+        true => Some(Box::new(Passage::begin(s.vertex, s.w, s.pdf_direction))),
+        false => s.passage.take(),
+    };
     // The probability of the mirrored ray where one of two is followed.
     let f = match &rays {
         [Some(mirrored), Some(_)] if !first => {
@@ -74,6 +79,7 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
                 w.rec.push(event);
             }
         }
+        s.passage = passage.clone().and_then(|q| q.passes(hit, s.w, r.through));
         s.beta *= r.weight / p;
         s.start *= r.weight.max() / p;
         s.w = r.w;

@@ -16,13 +16,14 @@ use super::tracking;
 use super::twin::{self, Twin};
 use super::vertex::{Facing, Vertex};
 use super::{
-    ball, beam, beam_centred, beside, camera_line, chain, connect, glow, light_centred, manifold, pane, specular,
+    ball, beam, beam_centred, beside, camera_line, chain, connect, glow, lamp, light_centred, manifold, pane, specular,
 };
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
 use crate::phase::one_minus_cos;
 use crate::scene::critical::Critical;
+use crate::scene::lamps::Passage;
 use crate::scene::{Hit, March, On, Scene, Settings};
 use crate::surface::{Lobe, Surface};
 use std::sync::Arc;
@@ -71,6 +72,8 @@ pub struct State {
     pub tau: Rgb,
     /// Probability with which the last vertex connected to the environment.
     pub to_environment: f64,
+    /// What it has passed since, where lamps are connected to by way of that ([`super::lamp`]).
+    pub passage: Option<Box<Passage>>,
     /// Technique weights of the equi-angular connection at the collision at hand.
     pub flight: Flight,
     /// A light, and the share of this flight's connections to it in its motion ([`twin`]).
@@ -139,6 +142,7 @@ impl State {
             flight,
             mirrored: None,
             pending: None,
+            passage: self.passage.clone(),
             lead: Lead::default(),
             poles: None,
             ..*self
@@ -180,6 +184,7 @@ impl State {
             left: 0,
             tau: Rgb::ZERO,
             to_environment: 0.0,
+            passage: None,
             flight: Flight::default(),
             twin: None,
             unit_reflectance: false,
@@ -459,11 +464,11 @@ impl<'a, R: Recorder> Walker<'a, R> {
         let weighs = s.pdf_direction > 0.0 && s.to_environment > 0.0;
         let Some((emission, pdf)) = light.escape(s.w, weighs) else { return };
         let p = s.to_environment * pdf;
-        self.emit(s, emission, p, End::Infinity(s.w));
+        self.emit(s, emission, (1.0, p), End::Infinity(s.w));
     }
 
-    /// Score emission met by the walk, weighted against a connection of density `p_light` (per solid angle).
-    fn emit(&mut self, s: &State, emission: crate::light::Emission, p_light: f64, end: End) {
+    /// Score this share of emission met by the walk, weighted against a connection of density `p_light` (per solid angle).
+    fn emit(&mut self, s: &State, emission: crate::light::Emission, (share, p_light): (f64, f64), end: End) {
         if s.depth < self.set.min_order {
             return;
         }
@@ -471,12 +476,19 @@ impl<'a, R: Recorder> Walker<'a, R> {
         if s.pdf_direction > 0.0 && p_light > 0.0 {
             weight *= connect::direction_share(s.pdf_direction, s.tau, p_light);
         }
-        let value = weight * emission.color();
+        let value = weight * share * emission.color();
         self.value += value;
         self.rec.score(s.depth, value);
         if R::ON {
+            // Where vertices move, derivatives take all of it.
+            let weight = if self.rec.is_still() { weight * share } else { weight };
             self.rec.push(Event::Emit { weight, emission, end });
         }
+    }
+
+    /// Whether it is connected to lamps by way of faces: not where derivatives look beside critical angles, on paths of their own.
+    pub fn seeks_lamps(&self, s: &State) -> bool {
+        R::CONNECTS && s.drawn.is_none() && !self.scene.lamps.is_empty()
     }
 
     /// Whether the `k`-th scattering is within `max_depth`.
@@ -501,6 +513,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         s.direct = false;
         s.in_a_row = 0;
         s.vertex = s.o;
+        s.passage = None;
         s.tau = Rgb::ZERO;
         if R::ON {
             self.rec.push(Event::Scatter { medium: id, p: s.o, w: s.w, span: s.flight.span });
@@ -512,6 +525,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             chain::connect(self, s, &Vertex::Medium(id));
             ball::connect(self, s, &Vertex::Medium(id));
             manifold::connect(self, s, &Vertex::Medium(id));
+            lamp::connect(self, s, &Vertex::Medium(id));
             glow::connect(self, s, &Vertex::Medium(id));
         }
         s.left |= beside::entered(self, s.flight.reach.map(|r| r.0), s.o);
@@ -573,7 +587,9 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 let ratio = connect::flight_ratio(scene, light, &s.flight, s.vertex);
                 let p = scene.selection(light) * scene.area_pdf(light, s.vertex, s.w, &hit) * ratio;
                 let end = End::Shape { shape: hit.shape, face: hit.face, p: hit.p, n: hit.n };
-                self.emit(s, l.emission(Rgb::ONE), p, end);
+                let passed = s.passage.as_ref();
+                let share = passed.map_or(1.0, |q| scene.lamps.share_of_chance(scene, light, q, &hit, s.w));
+                self.emit(s, l.emission(Rgb::ONE), (share, p), end);
             }
         }
         if scene.passes(&hit) {
@@ -605,6 +621,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         s.in_a_row = 0;
         s.o = hit.p;
         s.vertex = hit.p;
+        s.passage = None;
         s.tau = Rgb::ZERO;
         s.on = near;
         s.flight = Flight::default();
@@ -629,6 +646,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
             chain::connect(self, s, &vertex);
             ball::connect(self, s, &vertex);
             manifold::connect(self, s, &vertex);
+            lamp::connect(self, s, &vertex);
             light_centred::connect(self, s, &vertex, twin.as_ref());
             beam_centred::connect(self, s, &vertex);
             glow::connect(self, s, &vertex);
