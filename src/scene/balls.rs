@@ -27,7 +27,12 @@ impl BallOf {
 impl Scene {
     /// List them where there is any light to connect to; call when shapes, surfaces and lights are known.
     pub fn prepare_balls(&mut self) {
-        let lit = self.lights.iter().any(|l| l.is_delta() || matches!(l.kind, LightKind::Beam { .. }));
+        if self.lights.iter().any(|l| l.is_delta() || matches!(l.kind, LightKind::Beam { .. })) {
+            self.balls = self.smooth_balls();
+        }
+    }
+
+    pub(super) fn smooth_balls(&self) -> Vec<BallOf> {
         let ball = |(id, s): (usize, &Instance)| {
             let Shape::Sphere(q) = &s.shape else { return None };
             let flipped = s.is_inside_out();
@@ -40,6 +45,6 @@ impl Scene {
             let ball = Ball { radius: q.radius, index, is_metal };
             Some(BallOf { shape: id as u32, center: q.center, ball, flipped })
         };
-        self.balls = self.shapes.iter().enumerate().filter(|_| lit).filter_map(ball).collect();
+        self.shapes.iter().enumerate().filter_map(ball).collect()
     }
 }

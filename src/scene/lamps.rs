@@ -1,10 +1,13 @@
-//! Lamps and flat smooth faces: by which faces light of each lamp comes to where it scatters, so that vertices may be connected to points of the lamp ([`crate::transport::lamp`]).
+//! Lamps and smooth surfaces: by which flat faces in turn, or by which ball, light of each lamp comes to where it scatters, so that vertices may be connected to points of the lamp ([`crate::transport::lamp`]).
 //!
-//! Paths find lamps behind glass by chance as well, the more rarely the smaller the lamp. Both share what they find by where it is (the balance heuristic over areas of the lamp), so that what is not listed here, or is not asked for, is left to chance.
+//! Paths find lamps behind glass by chance as well, the more rarely the smaller the lamp. Both share what they find by where it is (the balance heuristic over areas of the lamp), so that what is not listed here, or is not asked for, is left to chance;
+//! and what is found at caustics of balls, where the gain of a connection has no bound, weighs no more than what chance finds.
 
+use super::balls::BallOf;
 use super::chains::{Chain, Chains, MOST};
 use super::{Instance, Scene};
 use crate::light::{Light, LightKind, Origin};
+use crate::math::ball_ways::BallWay;
 use crate::math::discrete::Discrete;
 use crate::math::{DVec3, V3};
 use crate::scene::Hit;
@@ -17,8 +20,11 @@ use smallvec::SmallVec;
 const SMALL: f64 = 0.3;
 /// Chains of all lamps that a vertex asks for at most, on average.
 const ASKED: f64 = 16.0;
-/// Up to so many are cheap; the more there are, the smaller lamps have to be.
+/// Up to so many are cheap; the more there are, the smaller lamps have to be. All ways by a ball cost as many as these.
 const CHEAP: f64 = 4.0;
+const BALL: f64 = 64.0;
+/// How near to each other the directions of two ways by a ball are that are one.
+const SAME: f64 = 1e-4;
 
 /// A face on the way of a ray, and what that does there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -47,10 +53,19 @@ pub struct Lamp {
     small: f64,
 }
 
+/// By what a way leads.
+#[derive(Clone, Copy)]
+pub enum By<'a> {
+    Chain(&'a Chain),
+    Ball,
+}
+
 /// All of them.
 #[derive(Debug, Default)]
 pub struct Lamps {
     list: Vec<Lamp>,
+    /// One of which is asked for each time.
+    pub balls: Vec<BallOf>,
     table: Discrete,
 }
 
@@ -80,32 +95,10 @@ impl Passage {
 }
 
 impl Lamp {
-    /// How often it is asked for from x, if it was chosen.
-    pub fn rate(&self, x: DVec3) -> f64 {
-        (self.small * (x - self.center).length_squared() / self.area).min(1.0)
-    }
-
-    /// Density of its points, per area, that a connection from x by a chain has.
-    pub fn density(&self, x: DVec3, chain: &Chain) -> f64 {
-        self.probability * self.rate(x) * chain.asked / self.area
-    }
-
-    /// Of the two densities with which connections and chance find a point of it, that of connections. `gain`: what arrives of its light at x, the cosine at the lamp with it; `pdf`: of the direction at x.
-    pub fn share(&self, x: DVec3, chain: &Chain, gain: f64, pdf: f64) -> f64 {
-        let own = self.density(x, chain);
-        own / (own + pdf * gain)
-    }
-
-    /// The share of a ray that has met the lamp by chance.
-    fn share_of_chance(&self, scene: &Scene, passage: &Passage, hit: &Hit, w: DVec3) -> f64 {
-        let key: Key = passage.faces.iter().rev().copied().collect();
-        let Some(&id) = self.index.get(&key) else { return 1.0 };
-        let (chain, from) = (&self.chains.list[id as usize], Origin::Position(V3::constant(hit.p)));
-        let arrives = (passage.x, -passage.w);
-        let Some((way, _)) = chain::along(scene, &self.chains, (self.light, &chain.links), from, arrives) else {
-            return 1.0;
-        };
-        1.0 - self.share(passage.x, chain, way.gain.mean() * -hit.n.dot(w), passage.pdf)
+    /// How often ways are asked for from x, if the lamp was chosen.
+    pub fn rate(&self, x: DVec3, by_ball: bool) -> f64 {
+        let small = if by_ball { SMALL * CHEAP / BALL } else { self.small };
+        (small * (x - self.center).length_squared() / self.area).min(1.0)
     }
 }
 
@@ -118,10 +111,56 @@ impl Lamps {
         &self.list[self.table.sample(u).0]
     }
 
+    /// Density of a lamp's points, per area, that connections from x by such a way have.
+    pub fn density(&self, lamp: &Lamp, x: DVec3, by: By) -> f64 {
+        let asked = match by {
+            By::Chain(c) => c.asked,
+            By::Ball => 1.0 / self.balls.len() as f64,
+        };
+        lamp.probability * lamp.rate(x, matches!(by, By::Ball)) * asked / lamp.area
+    }
+
+    /// Of the two densities with which connections (`own`) and chance find a point of a lamp, that of connections. `gain`: what arrives of its light, the cosine at the lamp with it; `pdf`: of the direction at the vertex.
+    pub fn share(own: f64, gain: f64, pdf: f64) -> f64 {
+        own / (own + pdf * gain)
+    }
+
     /// What a ray along w that has come by `passage` counts of the lamp that it meets.
     pub fn share_of_chance(&self, scene: &Scene, light: u32, passage: &Passage, hit: &Hit, w: DVec3) -> f64 {
-        let lamp = self.list.iter().find(|l| l.light == light);
-        lamp.map_or(1.0, |l| l.share_of_chance(scene, passage, hit, w))
+        let Some(lamp) = self.list.iter().find(|l| l.light == light) else { return 1.0 };
+        let found = match self.balls.iter().find(|b| passage.faces.iter().all(|f| f.shape == b.shape)) {
+            Some(ball) => passage.by_ball(scene, ball, light, hit.p).map(|gain| (By::Ball, gain)),
+            None => passage.by_chain(scene, lamp, hit.p).map(|(chain, gain)| (By::Chain(chain), gain)),
+        };
+        let Some((by, gain)) = found else { return 1.0 };
+        1.0 - Lamps::share(self.density(lamp, passage.x, by), gain * -hit.n.dot(w), passage.pdf)
+    }
+}
+
+impl Passage {
+    /// The chain by which it comes to the point q of a lamp, and the gain.
+    fn by_chain<'a>(&self, scene: &Scene, lamp: &'a Lamp, q: DVec3) -> Option<(&'a Chain, f64)> {
+        let key: Key = self.faces.iter().rev().copied().collect();
+        let chain = &lamp.chains.list[*lamp.index.get(&key)? as usize];
+        let (links, from) = ((lamp.light, &chain.links[..]), Origin::Position(V3::constant(q)));
+        let (way, _) = chain::along(scene, &lamp.chains, links, from, (self.x, -self.w))?;
+        Some((chain, way.gain.mean()))
+    }
+
+    /// The gain of the way by a ball.
+    fn by_ball(&self, scene: &Scene, b: &BallOf, light: u32, q: DVec3) -> Option<f64> {
+        let (n, mut nearest) = (self.faces.len(), None);
+        b.ball.ways(q - b.center, false, self.x - b.center, n as u32, None, |way| {
+            let passed = self.faces.iter().rev().map(|f| f.through);
+            let Some(last) = way.points.last().filter(|_| passed.eq(way.through.iter().copied())) else { return };
+            let off = ((b.center + *last - self.x).normalize() - self.w).length();
+            if off < nearest.as_ref().map_or(SAME, |n: &(f64, BallWay)| n.0) {
+                nearest = Some((off, way));
+            }
+        });
+        let (_, way) = nearest?;
+        let (way, _) = b.way(scene.surface_of(b.shape), light, (q, false), &way, self.x)?;
+        Some(way.gain.mean())
     }
 }
 
@@ -136,10 +175,15 @@ impl Scene {
         let lit = |(id, l): (usize, &Light)| Some((id as u32, shape_of(l).filter(|_| power[id] > 0.0)?));
         let lamps: Vec<(u32, u32)> = self.lights.iter().enumerate().filter_map(lit).collect();
         let n = lamps.len() as f64;
+        // Mirrors of that shape spread light so far that little of it comes anywhere.
+        let balls: Vec<BallOf> = self.smooth_balls().into_iter().filter(|b| !b.ball.is_metal).collect();
         let mut list: Vec<Lamp> = Vec::new();
         for (light, shape) in lamps {
             let s = &self.shapes[shape as usize];
-            let Some((chains, all)) = self.chains_of_lamp(light, s, ASKED / n) else { continue };
+            let (chains, all) = self.chains_of_lamp(light, s, ASKED / n).unwrap_or_default();
+            if chains.list.is_empty() && balls.is_empty() {
+                continue;
+            }
             let key = |c: &Chain| -> Key {
                 let faces = c.links.iter().map(|l| (&chains.faces[l.face as usize], l));
                 faces
@@ -155,7 +199,7 @@ impl Scene {
         for (k, l) in list.iter_mut().enumerate() {
             l.probability = table.probability(k);
         }
-        self.lamps = Lamps { list, table };
+        self.lamps = Lamps { list, balls, table };
     }
 
     /// Whether a lamp lies wholly inside or outside of every smooth closed shape.

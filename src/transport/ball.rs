@@ -49,7 +49,7 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
 
 impl BallOf {
     /// As a beam's way to x, and its points from the last one to the first; `None` where nothing is left of the light.
-    fn way(
+    pub fn way(
         &self,
         surface: &Surface,
         light: u32,

@@ -1,7 +1,7 @@
-//! Connections to lamps by way of flat smooth faces ([`crate::scene::lamps`]): a vertex chooses a lamp and a point of it, and follows the light of that point as that of a point light ([`super::chain`]).
+//! Connections to lamps by way of flat smooth faces, or of a ball ([`crate::scene::lamps`]): a vertex chooses a lamp and a point of it, and follows the light of that point as that of a point light ([`super::chain`], [`super::ball`]).
 //!
-//! The same light is found by directions that meet the lamp by chance. A point of the lamp is found by them with the density `p G cos θ` per area (p: of the direction at the vertex; G [T] (47) with what the faces let by; θ at the lamp),
-//! and both share what they find by the balance heuristic.
+//! The same light is found by directions that meet the lamp by chance. A point of the lamp is found by them with the density `p G cos θ` per area (p: of the direction at the vertex; G [T] (47) with what the surfaces let by; θ at the lamp),
+//! and both share what they find by the balance heuristic. Derivatives by what moves take what chance finds alone, and all of it.
 
 use super::chain;
 use super::pane::{self, Found};
@@ -10,44 +10,95 @@ use super::vertex::Vertex;
 use super::walk::{State, Walker};
 use crate::light::Origin;
 use crate::math::rng::{Purpose, Rng};
-use crate::math::{Rgb, V3};
-use crate::scene::lamps::Lamp;
-use crate::shape::Geometry;
+use crate::math::{DVec3, Rgb, V3};
+use crate::scene::beams::Way;
+use crate::scene::chains::MOST;
+use crate::scene::lamps::{By, Lamp, Lamps};
+use crate::shape::{Geometry, SurfaceSample};
 use smallvec::SmallVec;
 
-/// Score what one lamp brings to the vertex at `s.o` by way of faces.
+/// Score what one lamp brings to the vertex at `s.o` by way of smooth surfaces.
 pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     if !w.seeks_lamps(s) || !w.may_scatter(s.depth + 1) {
         return;
     }
-    let scene = w.scene;
     let mut aside = Rng::keyed(s.rng.next_u64(), Purpose::Manifold as u64, 0, 1);
-    let lamp: &Lamp = scene.lamps.choose(aside.uniform());
-    if aside.uniform() >= lamp.rate(s.o) {
-        return;
+    let lamp: &Lamp = w.scene.lamps.choose(aside.uniform());
+    let q = w.scene.shapes[lamp.shape as usize].shape.sample(aside.uniform(), aside.uniform());
+    if !lamp.chains.list.is_empty() && aside.uniform() < lamp.rate(s.o, false) {
+        by_chains(w, s, vertex, (lamp, &q), &mut aside);
     }
-    let light = &scene.lights[lamp.light as usize];
-    let q = scene.shapes[lamp.shape as usize].shape.sample(aside.uniform(), aside.uniform());
+    if !w.scene.lamps.balls.is_empty() && aside.uniform() < lamp.rate(s.o, true) {
+        by_a_ball(w, s, vertex, (lamp, &q), &mut aside);
+    }
+}
+
+fn by_chains<R: Recorder>(
+    w: &mut Walker<R>,
+    s: &mut State,
+    vertex: &Vertex,
+    (lamp, q): (&Lamp, &SurfaceSample),
+    aside: &mut Rng,
+) {
     let from = Origin::Position(V3::constant(q.p));
     let mut drawn: SmallVec<[u32; 64]> = SmallVec::new();
     lamp.chains.draw(s.o, || aside.uniform(), |id| drawn.push(id));
     for id in drawn {
         let chain = &lamp.chains.list[id as usize];
-        let order = s.depth + chain.links.len() as u32;
-        if !w.may_scatter(order) || order < w.set.min_order || !lamp.chains.may_reach(chain, s.o) {
-            continue;
+        if counts(w, s, chain.links.len()) && lamp.chains.may_reach(chain, s.o) {
+            let unsettled = &mut w.tally.unsettled;
+            let found = chain::way(w.scene, &lamp.chains, (lamp.light, &chain.links), from, s.o, unsettled);
+            if let Some((way, points)) = found {
+                score(w, s, vertex, (lamp, q), By::Chain(chain), way, &points);
+            }
         }
-        let unsettled = &mut w.tally.unsettled;
-        let found = chain::way(scene, &lamp.chains, (lamp.light, &chain.links), from, s.o, unsettled);
-        let Some((mut way, points)) = found else { continue };
-        let cos = way.steps.first().map_or(0.0, |step| step.before.dot(q.n));
-        if cos <= 0.0 {
-            continue;
-        }
-        let pdf = vertex.toward(scene, s, -way.w).lobe.pdf;
-        let share = lamp.share(s.o, chain, way.gain.mean() * cos, pdf);
-        way.gain *= cos * share / lamp.density(s.o, chain);
-        way.source = Some(q.p);
-        pane::score(w, s, vertex, &Found { way: &way, points: &points, emission: light.emission(Rgb::ONE) });
     }
+}
+
+fn by_a_ball<R: Recorder>(
+    w: &mut Walker<R>,
+    s: &mut State,
+    vertex: &Vertex,
+    (lamp, q): (&Lamp, &SurfaceSample),
+    aside: &mut Rng,
+) {
+    let balls = &w.scene.lamps.balls;
+    let b = &balls[((aside.uniform() * balls.len() as f64) as usize).min(balls.len() - 1)];
+    let mut found = SmallVec::<[_; 8]>::new();
+    b.ball.ways(q.p - b.center, false, s.o - b.center, MOST as u32, None, |way| found.push(way));
+    for way in found {
+        if counts(w, s, way.points.len()) {
+            let way = b.way(w.scene.surface_of(b.shape), lamp.light, (q.p, false), &way, s.o);
+            if let Some((way, points)) = way {
+                score(w, s, vertex, (lamp, q), By::Ball, way, &points);
+            }
+        }
+    }
+}
+
+/// Whether the picture shows light that comes to a vertex by so many surfaces.
+fn counts<R: Recorder>(w: &Walker<R>, s: &State, surfaces: usize) -> bool {
+    let order = s.depth + surfaces as u32;
+    w.may_scatter(order) && order >= w.set.min_order
+}
+
+fn score<R: Recorder>(
+    w: &mut Walker<R>,
+    s: &State,
+    vertex: &Vertex,
+    (lamp, q): (&Lamp, &SurfaceSample),
+    by: By,
+    mut way: Way,
+    points: &[DVec3],
+) {
+    let (scene, cos) = (w.scene, way.steps.first().map_or(0.0, |step| step.before.dot(q.n)));
+    if cos <= 0.0 {
+        return;
+    }
+    let pdf = vertex.toward(scene, s, -way.w).lobe.pdf;
+    let own = scene.lamps.density(lamp, s.o, by);
+    way.gain *= cos * Lamps::share(own, way.gain.mean() * cos, pdf) / own;
+    way.source = Some(q.p);
+    let emission = scene.lights[lamp.light as usize].emission(Rgb::ONE);
+    pane::score(w, s, vertex, &Found { way: &way, points, emission });
 }

@@ -35,7 +35,8 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
     let rays = rays.map(|r| r.filter(|r| !w.is_lost(k, behind(r))));
     let tolerance = w.scene.tolerance(hit.p);
     let first = s.direct && s.depth == 0;
-    let passage = match s.pdf_direction > 0.0 && w.seeks_lamps(s) {
+    // Of both rays only where nothing competes: on camera lines.
+    let mut passage = match s.pdf_direction > 0.0 && w.seeks_lamps(s) {
         true => Some(Box::new(Passage::begin(s.vertex, s.w, s.pdf_direction))),
         false => s.passage.take(),
     };
@@ -79,7 +80,7 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
                 w.rec.push(event);
             }
         }
-        s.passage = passage.clone().and_then(|q| q.passes(hit, s.w, r.through));
+        s.passage = passage.take().and_then(|q| q.passes(hit, s.w, r.through));
         s.beta *= r.weight / p;
         s.start *= r.weight.max() / p;
         s.w = r.w;
