@@ -70,7 +70,7 @@ fn pencils_lose_nothing() {
             let x = warp::sphere(rng.uniform(), rng.uniform()) * (2.0 * rng.uniform());
             let mut lost = 0;
             let mut taken = |chain: &Chain| {
-                let found = way(&scene, (chain.light, &chain.links), from, x, &mut lost);
+                let found = way(&scene, &scene.chains, (chain.light, &chain.links), from, x, &mut lost);
                 let clear = |(w, points): (Way, SmallVec<[DVec3; MOST]>)| {
                     beam::clear(&scene, &w, &points, (x, On::default(), None), &mut |_| {})
                 };

@@ -15,6 +15,7 @@ use tyndall::render::plan::{Plan, Terms};
 use tyndall::scene::Scene;
 use tyndall::scene::SceneDesc;
 use tyndall::scene::compile::{LoadOptions, Orders};
+use tyndall::scene::lamps::Lamps;
 use tyndall::term::EdgeForm;
 use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
 
@@ -198,6 +199,13 @@ pub fn lamp(radius: f64) -> String {
     format!(
         r#"<shape type="sphere"><point name="center" value="$x, 3, 0"/><float name="radius" value="{radius}"/><emitter type="area"><float name="radiance" value="{radiance}"/></emitter></shape>"#
     )
+}
+
+/// A picture to which paths find all light of lamps behind glass by chance.
+pub fn by_chance(text: &str, spp: u64) -> Estimate {
+    let (_, mut scene) = scene(text);
+    scene.lamps = Lamps::default();
+    estimate(&run(&scene, spp, 3, Mode::Picture), 0)
 }
 
 /// A field given at the nodes of 2^3 leaves around the origin, in a .vdb; what a volume says to read it. A world unit is 6.25 nodes, the origin lies at (0.05, 0, 0.9).

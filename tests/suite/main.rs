@@ -26,6 +26,7 @@ mod fit;
 mod fit_voxels;
 mod floors;
 mod geometry;
+mod lamps;
 mod level_set;
 mod light_motion;
 mod light_shadow;
