@@ -22,14 +22,16 @@ use rayon::prelude::*;
 use smallvec::SmallVec;
 use std::collections::{BTreeMap, VecDeque};
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
 
 /// Faces of a chain at most.
 pub const MOST: usize = 4;
 /// Chains of a scene at most, and so many that a point of it asks for on average.
 const CHAINS: f64 = 262_144.0;
 const ASKED: f64 = 1000.0;
-/// Chains of a lamp at most: all others are left to chance.
-const LAMPS: f64 = 4096.0;
+/// Chains of all lamps at most, and facets: all else is left to chance.
+const CHAINS_OF_LAMPS: f64 = 16_384.0;
+const FACETS_BESIDE_LAMPS: u32 = 16_384;
 /// Ways that wait to be followed further at most: hundreds of megabytes. Facets at most.
 const WAITING: usize = 1 << 20;
 const FACES: usize = 1 << 20;
@@ -123,7 +125,7 @@ pub struct Chain {
 /// All of them.
 #[derive(Debug, Default)]
 pub struct Chains {
-    pub faces: Vec<Face>,
+    pub faces: Arc<Vec<Face>>,
     pub list: Vec<Chain>,
     /// What they send on.
     reach: Reach,
@@ -340,7 +342,7 @@ impl Search<'_> {
                     let along = m.dot(*direction);
                     along > -f.radius && (m - *direction * along).length() < reach + f.radius
                 };
-                found.extend((0..).zip(&self.found.faces).filter(|(_, f)| is_lit(f)).map(|(k, _)| k));
+                found.extend((0..).zip(self.found.faces.iter()).filter(|(_, f)| is_lit(f)).map(|(k, _)| k));
             }
             (None, _) => found.extend(0..self.found.faces.len() as u32),
         }
@@ -476,14 +478,14 @@ impl Scene {
 
     /// A search among all faces that chains may lead by.
     fn search(&self) -> Search<'_> {
-        let mut found = Chains::default();
+        let (mut faces, mut cut) = (Vec::new(), false);
         for (id, s) in (0..).zip(&self.shapes).filter(|(_, s)| self.has_links(s)) {
             let n = s.shape.face_count();
-            if found.faces.len() + n as usize > FACES {
-                found.cut = true;
+            if faces.len() + n as usize > FACES {
+                cut = true;
                 continue;
             }
-            found.faces.extend((0..n).filter_map(|f| face(id, &s.shape, f)));
+            faces.extend((0..n).filter_map(|f| face(id, &s.shape, f)));
         }
         let sense = |s: &Instance| match &s.shape {
             Shape::Mesh(m) => {
@@ -499,7 +501,8 @@ impl Scene {
             }
         };
         let ball = |f: &Face| Ball { center: f.center, radius: f.radius };
-        let near = BallTree::new(found.faces.iter().map(ball).collect());
+        let near = BallTree::new(faces.iter().map(ball).collect());
+        let found = Chains { faces: Arc::new(faces), cut, ..Chains::default() };
         Search { scene: self, senses: self.shapes.iter().map(sense).collect(), near, pencils: Vec::new(), found }
     }
 
@@ -525,33 +528,35 @@ impl Scene {
             let limits = Limits { listed: CHAINS * share, asked: ASKED * share };
             search.all(id, Source::Origin(from), self.longest_chain(), limits);
         }
-        let mut found = search.finish();
+        let Search { mut found, pencils, .. } = search;
+        found.reach = Reach::of(pencils, &found.list);
         found.long &= self.settings.max_depth as usize > MOST + 2;
         self.chains = found;
     }
 
-    /// By which faces light of a lamp goes, and about how many of these chains a vertex would ask for; they are asked for less often where that is more than `asked`. `None` where there are none.
-    pub(super) fn chains_of_lamp(&self, light: u32, lamp: &Instance, asked: f64) -> Option<(Chains, f64)> {
-        if !self.shapes.iter().any(|s| self.has_links(s)) || !self.is_clear_of_glass(lamp) {
-            return None;
+    /// By which faces light of each lamp (light and shape) goes, and about how many of these chains a vertex would ask for; they are asked for less often where that is more than `asked`. None where lamps touch glass, or there are too many faces.
+    pub(super) fn chains_of_lamps(&self, lamps: &[(u32, u32)], asked: f64) -> Vec<(Chains, f64)> {
+        let faces: u32 = self.shapes.iter().filter(|s| self.has_links(s)).map(|s| s.shape.face_count()).sum();
+        if !(1..=FACETS_BESIDE_LAMPS).contains(&faces) {
+            return lamps.iter().map(|_| Default::default()).collect();
         }
-        let bounds = lamp.shape.bounds();
-        let ball = Ball { center: bounds.center(), radius: bounds.radius() };
         let mut search = self.search();
-        let limits = Limits { listed: LAMPS, asked: ASKED };
-        search.all(light, Source::Lamp(ball), self.longest_chain(), limits);
+        let limits = Limits { listed: CHAINS_OF_LAMPS / lamps.len() as f64, asked: ASKED };
         let size = self.bounds.radius();
-        let sum: f64 = search.found.list.iter().zip(&search.pencils).map(|(c, p)| c.asked * p.share(size)).sum();
-        search.found.list.iter_mut().for_each(|c| c.asked *= (asked / sum).min(1.0));
-        Some((search.finish(), sum)).filter(|c| !c.0.list.is_empty())
-    }
-}
-
-impl Search<'_> {
-    fn finish(self) -> Chains {
-        let Search { mut found, pencils, .. } = self;
-        let asked: Vec<f64> = found.list.iter().map(|c| c.asked).collect();
-        found.reach = Reach::new(pencils, &asked);
-        found
+        let of_lamp = |&(light, shape): &(u32, u32)| {
+            let lamp = &self.shapes[shape as usize];
+            if !self.is_clear_of_glass(lamp) {
+                return Default::default();
+            }
+            let bounds = lamp.shape.bounds();
+            let ball = Ball { center: bounds.center(), radius: bounds.radius() };
+            search.all(light, Source::Lamp(ball), self.longest_chain(), limits);
+            let (mut list, pencils) = (std::mem::take(&mut search.found.list), std::mem::take(&mut search.pencils));
+            let all: f64 = list.iter().zip(&pencils).map(|(c, p)| c.asked * p.share(size)).sum();
+            list.iter_mut().for_each(|c| c.asked *= (asked / all).min(1.0));
+            let reach = Reach::of(pencils, &list);
+            (Chains { faces: search.found.faces.clone(), list, reach, ..Chains::default() }, all)
+        };
+        lamps.iter().map(of_lamp).collect()
     }
 }

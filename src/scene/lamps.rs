@@ -6,37 +6,35 @@
 use super::balls::BallOf;
 use super::chains::{Chain, Chains, MOST};
 use super::{Instance, Scene};
-use crate::light::{Light, LightKind, Origin};
-use crate::math::ball_ways::BallWay;
+use crate::light::{Light, LightKind};
+use crate::math::DVec3;
 use crate::math::discrete::Discrete;
-use crate::math::{DVec3, V3};
-use crate::scene::Hit;
 use crate::shape::Geometry;
-use crate::transport::chain;
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
 /// Solid angle, about, below which a lamp is always asked for by way of few faces: larger ones are found by chance.
 const SMALL: f64 = 0.3;
-/// Chains of all lamps that a vertex asks for at most, on average.
+/// Lamps at most: those that send most.
+const LAMPS: usize = 64;
+/// Chains of a lamp that a vertex asks for at most, on average.
 const ASKED: f64 = 16.0;
 /// Up to so many are cheap; the more there are, the smaller lamps have to be. All ways by a ball cost as many as these.
 const CHEAP: f64 = 4.0;
 const BALL: f64 = 64.0;
-/// How near to each other the directions of two ways by a ball are that are one.
-const SAME: f64 = 1e-4;
 
 /// A face on the way of a ray, and what that does there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Passed {
-    shape: u32,
-    face: u32,
+    pub shape: u32,
+    pub face: u32,
     /// Light that comes by the ray meets its front.
-    front: bool,
-    through: bool,
+    pub front: bool,
+    pub through: bool,
 }
 
-type Key = SmallVec<[Passed; MOST]>;
+/// In the light's order.
+pub type Key = SmallVec<[Passed; MOST]>;
 
 /// A lamp, and by which faces its light goes.
 #[derive(Debug)]
@@ -69,32 +67,12 @@ pub struct Lamps {
     table: Discrete,
 }
 
-/// What a ray has passed since it left a vertex where it was scattered.
-#[derive(Clone, Debug)]
-pub struct Passage {
-    /// That vertex.
-    x: DVec3,
-    /// Its direction there, and how probable that was, per solid angle.
-    w: DVec3,
-    pdf: f64,
-    faces: Key,
-}
-
-impl Passage {
-    pub fn begin(x: DVec3, w: DVec3, pdf: f64) -> Self {
-        Passage { x, w, pdf, faces: Key::new() }
-    }
-
-    /// The ray is turned by a face that it has met along w; `None` where no chain is as long.
-    #[must_use]
-    pub fn passes(mut self: Box<Self>, hit: &Hit, w: DVec3, through: bool) -> Option<Box<Self>> {
-        let front = (w.dot(hit.n) < 0.0) != through;
-        self.faces.push(Passed { shape: hit.shape, face: hit.face, front, through });
-        (self.faces.len() <= MOST).then_some(self)
-    }
-}
-
 impl Lamp {
+    /// The chain by these faces.
+    pub fn chain(&self, faces: &Key) -> Option<&Chain> {
+        self.index.get(faces).map(|&id| &self.chains.list[id as usize])
+    }
+
     /// How often ways are asked for from x, if the lamp was chosen.
     pub fn rate(&self, x: DVec3, by_ball: bool) -> f64 {
         let small = if by_ball { SMALL * CHEAP / BALL } else { self.small };
@@ -125,42 +103,8 @@ impl Lamps {
         own / (own + pdf * gain)
     }
 
-    /// What a ray along w that has come by `passage` counts of the lamp that it meets.
-    pub fn share_of_chance(&self, scene: &Scene, light: u32, passage: &Passage, hit: &Hit, w: DVec3) -> f64 {
-        let Some(lamp) = self.list.iter().find(|l| l.light == light) else { return 1.0 };
-        let found = match self.balls.iter().find(|b| passage.faces.iter().all(|f| f.shape == b.shape)) {
-            Some(ball) => passage.by_ball(scene, ball, light, hit.p).map(|gain| (By::Ball, gain)),
-            None => passage.by_chain(scene, lamp, hit.p).map(|(chain, gain)| (By::Chain(chain), gain)),
-        };
-        let Some((by, gain)) = found else { return 1.0 };
-        1.0 - Lamps::share(self.density(lamp, passage.x, by), gain * -hit.n.dot(w), passage.pdf)
-    }
-}
-
-impl Passage {
-    /// The chain by which it comes to the point q of a lamp, and the gain.
-    fn by_chain<'a>(&self, scene: &Scene, lamp: &'a Lamp, q: DVec3) -> Option<(&'a Chain, f64)> {
-        let key: Key = self.faces.iter().rev().copied().collect();
-        let chain = &lamp.chains.list[*lamp.index.get(&key)? as usize];
-        let (links, from) = ((lamp.light, &chain.links[..]), Origin::Position(V3::constant(q)));
-        let (way, _) = chain::along(scene, &lamp.chains, links, from, (self.x, -self.w))?;
-        Some((chain, way.gain.mean()))
-    }
-
-    /// The gain of the way by a ball.
-    fn by_ball(&self, scene: &Scene, b: &BallOf, light: u32, q: DVec3) -> Option<f64> {
-        let (n, mut nearest) = (self.faces.len(), None);
-        b.ball.ways(q - b.center, false, self.x - b.center, n as u32, None, |way| {
-            let passed = self.faces.iter().rev().map(|f| f.through);
-            let Some(last) = way.points.last().filter(|_| passed.eq(way.through.iter().copied())) else { return };
-            let off = ((b.center + *last - self.x).normalize() - self.w).length();
-            if off < nearest.as_ref().map_or(SAME, |n: &(f64, BallWay)| n.0) {
-                nearest = Some((off, way));
-            }
-        });
-        let (_, way) = nearest?;
-        let (way, _) = b.way(scene.surface_of(b.shape), light, (q, false), &way, self.x)?;
-        Some(way.gain.mean())
+    pub fn of_light(&self, light: u32) -> Option<&Lamp> {
+        self.list.iter().find(|l| l.light == light)
     }
 }
 
@@ -173,14 +117,13 @@ impl Scene {
             _ => None,
         };
         let lit = |(id, l): (usize, &Light)| Some((id as u32, shape_of(l).filter(|_| power[id] > 0.0)?));
-        let lamps: Vec<(u32, u32)> = self.lights.iter().enumerate().filter_map(lit).collect();
-        let n = lamps.len() as f64;
+        let mut lamps: Vec<(u32, u32)> = self.lights.iter().enumerate().filter_map(lit).collect();
+        lamps.sort_by(|a, b| power[b.0 as usize].total_cmp(&power[a.0 as usize]));
+        lamps.truncate(LAMPS);
         // Mirrors of that shape spread light so far that little of it comes anywhere.
         let balls: Vec<BallOf> = self.smooth_balls().into_iter().filter(|b| !b.ball.is_metal).collect();
         let mut list: Vec<Lamp> = Vec::new();
-        for (light, shape) in lamps {
-            let s = &self.shapes[shape as usize];
-            let (chains, all) = self.chains_of_lamp(light, s, ASKED / n).unwrap_or_default();
+        for ((light, shape), (chains, all)) in lamps.iter().copied().zip(self.chains_of_lamps(&lamps, ASKED)) {
             if chains.list.is_empty() && balls.is_empty() {
                 continue;
             }
@@ -191,7 +134,8 @@ impl Scene {
                     .collect()
             };
             let index = (0..).zip(&chains.list).map(|(k, c)| (key(c), k)).collect();
-            let (center, area) = (s.shape.bounds().center(), s.shape.area());
+            let s = &self.shapes[shape as usize].shape;
+            let (center, area) = (s.bounds().center(), s.area());
             let small = SMALL * (CHEAP / all).min(1.0);
             list.push(Lamp { light, shape, probability: 0.0, chains, index, center, area, small });
         }

@@ -1,5 +1,6 @@
 //! Which pencils reach a point: trees of pencils, each node with one that holds all below it. Pencils that are asked for equally often are a tree, and those between two that are asked for cost nothing.
 
+use super::chains::Chain;
 use crate::math::DVec3;
 use crate::math::ball_tree::extent;
 use crate::math::pencil::Pencil;
@@ -27,6 +28,11 @@ pub struct Reach {
 }
 
 impl Reach {
+    /// What chains send on.
+    pub fn of(pencils: Vec<Pencil>, chains: &[Chain]) -> Self {
+        Self::new(pencils, &chains.iter().map(|c| c.asked).collect::<Vec<_>>())
+    }
+
     /// `asked`: how often each is asked for.
     pub fn new(pencils: Vec<Pencil>, asked: &[f64]) -> Self {
         let mut all: Vec<(u32, Pencil)> = (0..).zip(pencils).collect();

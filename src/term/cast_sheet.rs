@@ -127,7 +127,7 @@ fn ways(scene: &Scene, id: u32) -> (Vec<Way>, Set) {
     // Facets of meshes are in the list by themselves.
     let is_met =
         |f: &Face| bodies.may_meet(f.shape, Some(begins)) && bodies.may_meet_from(f, f.is_before(from), begins);
-    let alone = (0..).zip(faces).filter(|(_, f)| !f.is_facet() && is_met(f));
+    let alone = (0..).zip(faces.iter()).filter(|(_, f)| !f.is_facet() && is_met(f));
     let single = alone.flat_map(|(face, f)| {
         let (front, through) = (f.is_before(from), scene.surface_of(f.shape).is_transparent());
         let link = |through| (SmallVec::from_iter([Link { face, front, through }]), 1.0);
@@ -260,7 +260,7 @@ fn borders(scene: &Scene) -> Vec<Border> {
             }
         }
     };
-    for f in &scene.chains.faces {
+    for f in scene.chains.faces.iter() {
         add(f.shape, f.face, f.corners());
     }
     let is_opaque = |(id, s): &(u32, &Instance)| !scene.is_null(s) && !scene.surface_of(*id).is_smooth();

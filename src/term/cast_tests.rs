@@ -57,7 +57,7 @@ fn light_jumps_at_sheets_alone() {
         let first = |k: u32| {
             let f = &faces[k as usize];
             let one = |g: &Face| g.shape == f.shape && g.n.dot(f.n) > 1.0 - 1e-9 && (g.p - f.p).dot(f.n).abs() < 1e-9;
-            (0..).zip(faces).find(|(_, g)| one(g)).map_or(k, |x| x.0)
+            (0..).zip(faces.iter()).find(|(_, g)| one(g)).map_or(k, |x| x.0)
         };
         let planes = |links: &[Link]| links.iter().map(|l| Link { face: first(l.face), ..*l }).collect::<Vec<Link>>();
         let mut ways: Vec<(Vec<Link>, Vec<&Way>)> = Vec::new();

@@ -272,7 +272,7 @@ fn ways(scene: &Scene, id: u32, w: DVec3) -> Vec<Vec<Fold>> {
     let chains = &scene.chains;
     let fold = |links: &[Link]| links.iter().map(|l| chains.fold(scene, l)).collect::<Vec<_>>();
     let single = (0..)
-        .zip(&chains.faces)
+        .zip(chains.faces.iter())
         .flat_map(|(face, f)| [true, false].map(|through| fold(&[Link { face, front: w.dot(f.n) < 0.0, through }])));
     let several = chains.list.iter().filter(|c| c.light == id).map(|c| fold(&c.links));
     std::iter::once(Vec::new()).chain(single).chain(several).collect()

@@ -9,13 +9,81 @@ use super::record::Recorder;
 use super::vertex::Vertex;
 use super::walk::{State, Walker};
 use crate::light::Origin;
+use crate::math::ball_ways::BallWay;
 use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, Rgb, V3};
+use crate::scene::balls::BallOf;
 use crate::scene::beams::Way;
-use crate::scene::chains::MOST;
-use crate::scene::lamps::{By, Lamp, Lamps};
+use crate::scene::chains::{Chain, MOST};
+use crate::scene::lamps::{By, Key, Lamp, Lamps, Passed};
+use crate::scene::{Hit, Scene};
 use crate::shape::{Geometry, SurfaceSample};
 use smallvec::SmallVec;
+
+/// How near to each other the directions of two ways by a ball are that are one.
+const SAME: f64 = 1e-4;
+
+/// What a ray has passed since it left a vertex where it was scattered.
+#[derive(Clone, Debug)]
+pub struct Passage {
+    /// That vertex.
+    x: DVec3,
+    /// Its direction there, and how probable that was, per solid angle.
+    w: DVec3,
+    pdf: f64,
+    /// In the ray's order.
+    faces: Key,
+}
+
+impl Passage {
+    pub fn begin(x: DVec3, w: DVec3, pdf: f64) -> Self {
+        Passage { x, w, pdf, faces: Key::new() }
+    }
+
+    /// The ray is turned by a face that it has met along w; `None` where no way is as long.
+    #[must_use]
+    pub fn passes(mut self: Box<Self>, hit: &Hit, w: DVec3, through: bool) -> Option<Box<Self>> {
+        let front = (w.dot(hit.n) < 0.0) != through;
+        self.faces.push(Passed { shape: hit.shape, face: hit.face, front, through });
+        (self.faces.len() <= MOST).then_some(self)
+    }
+
+    /// What the ray, along w now, counts of the lamp that it has met.
+    pub fn share(&self, scene: &Scene, light: u32, hit: &Hit, w: DVec3) -> f64 {
+        let lamps = &scene.lamps;
+        let Some(lamp) = lamps.of_light(light) else { return 1.0 };
+        let found = match lamps.balls.iter().find(|b| self.faces.iter().all(|f| f.shape == b.shape)) {
+            Some(ball) => self.by_ball(scene, ball, light, hit.p).map(|gain| (By::Ball, gain)),
+            None => self.by_chain(scene, lamp, hit.p).map(|(chain, gain)| (By::Chain(chain), gain)),
+        };
+        let Some((by, gain)) = found else { return 1.0 };
+        1.0 - Lamps::share(lamps.density(lamp, self.x, by), gain * -hit.n.dot(w), self.pdf)
+    }
+
+    /// The chain by which it comes to the point q of a lamp, and the gain.
+    fn by_chain<'a>(&self, scene: &Scene, lamp: &'a Lamp, q: DVec3) -> Option<(&'a Chain, f64)> {
+        let chain = lamp.chain(&self.faces.iter().rev().copied().collect())?;
+        let (links, from) = ((lamp.light, &chain.links[..]), Origin::Position(V3::constant(q)));
+        let (way, _) = chain::along(scene, &lamp.chains, links, from, (self.x, -self.w))?;
+        Some((chain, way.gain.mean()))
+    }
+
+    /// The gain of the way by a ball.
+    fn by_ball(&self, scene: &Scene, b: &BallOf, light: u32, q: DVec3) -> Option<f64> {
+        let (n, mut nearest) = (self.faces.len(), None);
+        b.ball.ways(q - b.center, false, self.x - b.center, n as u32, None, |way| {
+            let passed = self.faces.iter().rev().map(|f| f.through);
+            let Some(last) = way.points.last().filter(|_| passed.eq(way.through.iter().copied())) else { return };
+            let off = ((b.center + *last - self.x).normalize() - self.w).length();
+            if off < nearest.as_ref().map_or(SAME, |n: &(f64, BallWay)| n.0) {
+                nearest = Some((off, way));
+            }
+        });
+        let (_, way) = nearest?;
+        let (way, _) = b.way(scene.surface_of(b.shape), light, (q, false), &way, self.x)?;
+        Some(way.gain.mean())
+    }
+}
 
 /// Score what one lamp brings to the vertex at `s.o` by way of smooth surfaces.
 pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {

@@ -5,11 +5,11 @@
 //! `1 - F ~ q` has the score `q⁻²`, which has no second moment under that probability ([`crate::scene::critical`]). No connection crosses an interface: what lies behind is found by directions, whose
 //! weight against connections is then whole.
 
+use super::lamp::Passage;
 use super::ray::Specular;
 use super::record::{Event, Recorder};
 use super::walk::{Flight, Stage, State, Walker};
 use crate::math::DVec3;
-use crate::scene::lamps::Passage;
 use crate::scene::{Hit, On, Scene};
 use crate::surface::{Ray, Surface};
 

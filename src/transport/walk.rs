@@ -8,6 +8,7 @@
 //! Techniques for one light path (direction or light sampling, free flight or equi-angular) are weighted by functions of
 //! the geometry alone, so the weights sum to one whatever the tracking inside them did.
 
+use super::lamp::Passage;
 use super::lead::Lead;
 use super::mirror;
 use super::poles::Poles;
@@ -23,7 +24,6 @@ use crate::math::{DVec3, Rgb};
 use crate::medium::Medium;
 use crate::phase::one_minus_cos;
 use crate::scene::critical::Critical;
-use crate::scene::lamps::Passage;
 use crate::scene::{Hit, March, On, Scene, Settings};
 use crate::surface::{Lobe, Surface};
 use std::sync::Arc;
@@ -588,7 +588,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
                 let p = scene.selection(light) * scene.area_pdf(light, s.vertex, s.w, &hit) * ratio;
                 let end = End::Shape { shape: hit.shape, face: hit.face, p: hit.p, n: hit.n };
                 let passed = s.passage.as_ref();
-                let share = passed.map_or(1.0, |q| scene.lamps.share_of_chance(scene, light, q, &hit, s.w));
+                let share = passed.map_or(1.0, |q| q.share(scene, light, &hit, s.w));
                 self.emit(s, l.emission(Rgb::ONE), (share, p), end);
             }
         }
