@@ -6,6 +6,7 @@
 use super::{Medium, Volume};
 use crate::math::discrete::Discrete;
 use crate::math::{DAffine3, DVec3};
+use rayon::prelude::*;
 
 /// Blocks of a lattice at most.
 const BLOCKS: usize = 1 << 18;
@@ -51,13 +52,16 @@ impl Blocks {
                 let at = [k / (points * points), k / points % points, k % points];
                 let q: [f64; 3] = std::array::from_fn(|a| block[a] as f64 + (at[a] as f64 + 0.5) / points as f64);
                 let p = place.transform_point3(DVec3::from(q) / extent);
-                sum += m.glow(p).map_or(0.0, |(sigma_a, color)| (sigma_a * color).mean());
+                let (sigma_t, sigma_s) = m.coefficients(p);
+                let sigma_a = sigma_t - sigma_s;
+                // What it would emit is asked for where there is something.
+                sum += if sigma_a.is_zero() { 0.0 } else { (sigma_a * e.at(p)).mean() };
             }
             sum / points.pow(3) as f64
         };
         let [_, ny, nz] = count;
         let n: usize = count.iter().product();
-        let weights: Vec<f64> = (0..n).map(|i| value([i / (ny * nz), i / nz % ny, i % nz])).collect();
+        let weights: Vec<f64> = (0..n).into_par_iter().map(|i| value([i / (ny * nz), i / nz % ny, i % nz])).collect();
         let share = volume / n as f64;
         let sums = [1, 2].map(|k| weights.iter().map(|w| w.powi(k)).sum::<f64>() * share);
         let shines = volume > 0.0 && sums.iter().all(|s| *s > 0.0 && s.is_finite());
