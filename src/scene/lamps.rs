@@ -14,11 +14,11 @@ use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
 /// Solid angle, about, below which a lamp is always asked for by way of few faces: larger ones are found by chance.
-const SMALL: f64 = 0.3;
+const SMALL: f64 = 0.15;
 /// Lamps at most: those that send most.
 const LAMPS: usize = 64;
 /// Chains of a lamp that a vertex asks for at most, on average.
-const ASKED: f64 = 16.0;
+const ASKED: f64 = 8.0;
 /// Up to so many are cheap; the more there are, the smaller lamps have to be. All ways by a ball cost as many as these.
 const CHEAP: f64 = 4.0;
 const BALL: f64 = 64.0;
