@@ -18,10 +18,13 @@ const SMALL: f64 = 0.15;
 /// Lamps at most: those that send most.
 const LAMPS: usize = 64;
 /// Chains of a lamp that a vertex asks for at most, on average.
-const ASKED: f64 = 8.0;
+const OF_A_LAMP: f64 = 8.0;
 /// Up to so many are cheap; the more there are, the smaller lamps have to be. All ways by a ball cost as many as these.
 const CHEAP: f64 = 4.0;
 const BALL: f64 = 64.0;
+
+/// Heights over a plane, in scene radii, that are none.
+const IN_PLANE: f64 = 1e-6;
 
 /// A face on the way of a ray, and what that does there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -71,6 +74,14 @@ impl Lamp {
     /// The chain by these faces.
     pub fn chain(&self, faces: &Key) -> Option<&Chain> {
         self.index.get(faces).map(|&id| &self.chains.list[id as usize])
+    }
+
+    /// Whether the point q of it is on the side of a chain's first face that light comes from, and not in its plane, as its own faces are: rounding would tell where light goes.
+    pub fn is_before(&self, scene: &Scene, chain: &Chain, q: DVec3) -> bool {
+        let Some(first) = chain.links.first() else { return false };
+        let face = &self.chains.faces[first.face as usize];
+        let height = (q - face.p).dot(face.n) * if first.front { 1.0 } else { -1.0 };
+        height > IN_PLANE * scene.bounds.radius()
     }
 
     /// How often ways are asked for from x, if the lamp was chosen.
@@ -123,7 +134,7 @@ impl Scene {
         // Mirrors of that shape spread light so far that little of it comes anywhere.
         let balls: Vec<BallOf> = self.smooth_balls().into_iter().filter(|b| !b.ball.is_metal).collect();
         let mut list: Vec<Lamp> = Vec::new();
-        for ((light, shape), (chains, all)) in lamps.iter().copied().zip(self.chains_of_lamps(&lamps, ASKED)) {
+        for ((light, shape), (chains, all)) in lamps.iter().copied().zip(self.chains_of_lamps(&lamps, OF_A_LAMP)) {
             if chains.list.is_empty() && balls.is_empty() {
                 continue;
             }

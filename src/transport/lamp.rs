@@ -1,6 +1,6 @@
 //! Connections to lamps by way of flat smooth faces, or of a ball ([`crate::scene::lamps`]): a vertex chooses a lamp and a point of it, and follows the light of that point as that of a point light ([`super::chain`], [`super::ball`]).
 //!
-//! The same light is found by directions that meet the lamp by chance. A point of the lamp is found by them with the density `p G cos θ` per area (p: of the direction at the vertex; G [T] (47) with what the surfaces let by; θ at the lamp),
+//! The same light is found by directions that meet the lamp by chance. A point of the lamp is found by them with the density `p G cos θ` per area (p: of the direction at the vertex; G [T] (47) with what the surfaces let by; θ at the lamp; where indices at both ends differ that is not all, but enough for weights),
 //! and both share what they find by the balance heuristic. Derivatives by what moves take what chance finds alone, and all of it.
 
 use super::chain;
@@ -63,6 +63,9 @@ impl Passage {
     /// The chain by which it comes to the point q of a lamp, and the gain.
     fn by_chain<'a>(&self, scene: &Scene, lamp: &'a Lamp, q: DVec3) -> Option<(&'a Chain, f64)> {
         let chain = lamp.chain(&self.faces.iter().rev().copied().collect())?;
+        if !lamp.is_before(scene, chain, q) {
+            return None;
+        }
         let (links, from) = ((lamp.light, &chain.links[..]), Origin::Position(V3::constant(q)));
         let (way, _) = chain::along(scene, &lamp.chains, links, from, (self.x, -self.w))?;
         Some((chain, way.gain.mean()))
@@ -113,7 +116,8 @@ fn by_chains<R: Recorder>(
     lamp.chains.draw(s.o, || aside.uniform(), |id| drawn.push(id));
     for id in drawn {
         let chain = &lamp.chains.list[id as usize];
-        if counts(w, s, chain.links.len()) && lamp.chains.may_reach(chain, s.o) {
+        let asked = counts(w, s, chain.links.len()) && lamp.chains.may_reach(chain, s.o);
+        if asked && lamp.is_before(w.scene, chain, q.p) {
             let unsettled = &mut w.tally.unsettled;
             let found = chain::way(w.scene, &lamp.chains, (lamp.light, &chain.links), from, s.o, unsettled);
             if let Some((way, points)) = found {

@@ -486,7 +486,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
         }
     }
 
-    /// Whether it is connected to lamps by way of faces: not where derivatives look beside critical angles, on paths of their own.
+    /// Whether it is connected to lamps by way of faces and balls: not where derivatives look beside critical angles, on paths of their own.
     pub fn seeks_lamps(&self, s: &State) -> bool {
         R::CONNECTS && s.drawn.is_none() && !self.scene.lamps.is_empty()
     }
