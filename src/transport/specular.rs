@@ -2,7 +2,7 @@
 //!
 //! A ray that only such interfaces have turned since the camera is still a camera line, and treated like one ([`super::camera_line`]); at the first interface that it meets both
 //! rays are followed, at any later one, and on all other paths, one of them, by its share of the light; but where a derivative may ask how that changes some always go through: near the critical angle
-//! `1 - F ~ q` has the score `q⁻²`, which has no second moment under that probability ([`crate::scene::critical`]). No connection crosses an interface: what lies behind is found by directions, whose
+//! `1 - F ~ q` has the score `q⁻²`, which has no second moment under that probability ([`crate::scene::critical`]). Connections to lamps that cross interfaces are [`super::lamp`]'s; all else that lies behind is found by directions, whose
 //! weight against connections is then whole.
 
 use super::lamp::Passage;

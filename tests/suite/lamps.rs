@@ -110,3 +110,24 @@ fn motion_is_left_to_chance() {
         }
     }
 }
+
+/// A lamp level with the top of a block and with a mirror: nothing goes along their planes, and no search is lost there (`forward` asks for that).
+#[test]
+fn lamps_level_with_glass_and_mirrors() {
+    let level = format!(
+        r#"<shape type="cube"><transform name="to_world"><scale value="0.4"/><translate x="-0.8" y="1.7" z="0.6"/></transform>{GLASS}</shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.3"/><rotate x="1" angle="-90"/><translate x="1.2" y="2.1" z="0.6"/></transform>
+    <bsdf type="twosided"><bsdf type="conductor"><rgb name="eta" value="0.2,0.9,1.2"/><float name="k" value="2.5"/></bsdf></bsdf></shape>"#
+    );
+    let text = room(&level);
+    let (with, chance) = (forward(&text, &[], 1 << 12)[0], by_chance(&text, 1 << 13));
+    for c in 0..3 {
+        let se = with.error[c].hypot(chance.error[c]);
+        assert!((with.value[c] - chance.value[c]).abs() < 4.5 * se, "{c}: {with:?} {chance:?}");
+    }
+    // Turned up, it lights nothing that the camera sees.
+    let up = text
+        .replace(r#"<rotate x="1" angle="90"/><translate x="0.4""#, r#"<rotate x="1" angle="-90"/><translate x="0.4""#);
+    assert_ne!(up, text);
+    assert_eq!(forward(&up, &[], 1 << 10)[0].value, by_chance(&up, 1 << 10).value);
+}
