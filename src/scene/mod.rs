@@ -7,7 +7,7 @@ pub mod balls;
 pub mod beams;
 pub mod bodies;
 pub mod bright;
-mod chain_search;
+pub mod chain_search;
 pub mod chains;
 pub mod columns;
 pub mod compile;

@@ -16,7 +16,7 @@ pub mod field;
 pub mod first;
 pub mod flat_way;
 pub mod glow;
-mod lamp;
+pub mod lamp;
 pub mod lead;
 pub mod light_centred;
 pub mod line;
