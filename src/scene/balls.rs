@@ -32,6 +32,7 @@ impl Scene {
         }
     }
 
+    /// All smooth spheres.
     pub(super) fn smooth_balls(&self) -> Vec<BallOf> {
         let ball = |(id, s): (usize, &Instance)| {
             let Shape::Sphere(q) = &s.shape else { return None };

@@ -26,7 +26,7 @@ const CHAINS: f64 = 262_144.0;
 const ASKED: f64 = 1000.0;
 /// Chains of all lamps at most, and facets: all else is left to chance.
 const CHAINS_OF_LAMPS: f64 = 16_384.0;
-const FACETS_BESIDE_LAMPS: u32 = 16_384;
+const FACETS_BESIDE_LAMPS: u64 = 16_384;
 /// Ways that wait to be followed further at most: hundreds of megabytes. Facets at most.
 const WAITING: usize = 1 << 20;
 const FACES: usize = 1 << 20;
@@ -362,7 +362,8 @@ impl Scene {
 
     /// By which faces light of each lamp (light and shape) goes, and about how many of these chains a vertex would ask for; they are asked for less often where that is more than `asked`. None where lamps touch glass, or there are too many faces.
     pub(super) fn chains_of_lamps(&self, lamps: &[(u32, u32)], asked: f64) -> Vec<(Chains, f64)> {
-        let faces: u32 = self.shapes.iter().filter(|s| self.has_links(s)).map(|s| s.shape.face_count()).sum();
+        let faces: u64 =
+            self.shapes.iter().filter(|s| self.has_links(s)).map(|s| u64::from(s.shape.face_count())).sum();
         if !(1..=FACETS_BESIDE_LAMPS).contains(&faces) {
             return lamps.iter().map(|_| Default::default()).collect();
         }

@@ -109,7 +109,7 @@ impl Lamps {
         lamp.probability * lamp.rate(x, matches!(by, By::Ball)) * asked / lamp.area
     }
 
-    /// Of the two densities with which connections (`own`) and chance find a point of a lamp, that of connections. `gain`: what arrives of its light, the cosine at the lamp with it; `pdf`: of the direction at the vertex.
+    /// What a connection counts, by the balance heuristic ([T] (61)). `own`: its density of points of the lamp, per area; `pdf`: that of the direction at the vertex, per solid angle; `gain`: [T] (47), what surfaces let by and the cosine at the lamp, which makes that one per area.
     pub fn share(own: f64, gain: f64, pdf: f64) -> f64 {
         own / (own + pdf * gain)
     }

@@ -204,11 +204,13 @@ pub(super) fn score<R: Recorder>(w: &mut Walker<R>, s: &State, vertex: &Vertex, 
     let weight = s.beta / s.r.mean() * lobe.tint * t * f.way.gain * lobe.f;
     let value = weight * f.emission.color();
     w.value += value;
-    w.rec.score(s.depth + f.way.steps.len() as u32, value);
     // Where vertices move derivatives find lamps by chance alone.
     if R::ON && f.way.source.is_some() && !w.rec.is_still() {
         w.rec.side_truncate(first);
-    } else if R::ON {
+        return;
+    }
+    w.rec.score(s.depth + f.way.steps.len() as u32, value);
+    if R::ON {
         let (spans, phase) = (w.rec.side_len() - first, [phase, None]);
         let Found { way, points, emission } = *f;
         let (light, len, at) = (way.light, way.steps.len() as u32, points.last().copied().unwrap_or(s.o));

@@ -476,12 +476,11 @@ impl<'a, R: Recorder> Walker<'a, R> {
         if s.pdf_direction > 0.0 && p_light > 0.0 {
             weight *= connect::direction_share(s.pdf_direction, s.tau, p_light);
         }
-        let value = weight * share * emission.color();
-        self.value += value;
-        self.rec.score(s.depth, value);
+        self.value += weight * share * emission.color();
+        // Where vertices move, derivatives take all of it.
+        let weight = if self.rec.is_still() { weight * share } else { weight };
+        self.rec.score(s.depth, weight * emission.color());
         if R::ON {
-            // Where vertices move, derivatives take all of it.
-            let weight = if self.rec.is_still() { weight * share } else { weight };
             self.rec.push(Event::Emit { weight, emission, end });
         }
     }
