@@ -40,10 +40,10 @@ pub fn zero_measure(p: &Parts<f64>) -> Option<&LightPart<f64>> {
     p.lights.iter().find(|l| is_zero_measure(&l.kind))
 }
 
-/// Whether its shadows, and the light that it mirrors or lets through, have straight borders, as `term::cast` has it. One of glass without an inside has none that is in sight.
-pub fn has_straight_borders(p: &Parts<f64>, s: &ShapePart<f64>) -> bool {
+/// Whether the borders of its shadows, and of the light that it mirrors or lets through, are known, as `term::cast` has it: straight ones, and those of what is round and opaque. One of glass without an inside has none that is in sight.
+pub fn has_known_borders(p: &Parts<f64>, s: &ShapePart<f64>) -> bool {
     match s.kind {
-        ShapeKind::Sphere { .. } | ShapeKind::Disk | ShapeKind::Cylinder { .. } => false,
+        ShapeKind::Sphere { .. } | ShapeKind::Disk | ShapeKind::Cylinder { .. } => !is_smooth(p, s.surface),
         ShapeKind::Rectangle => !matches!(p.surfaces[s.surface], SurfacePart::Dielectric { .. }),
         _ => true,
     }
@@ -54,16 +54,15 @@ pub fn unlit(p: &Parts<f64>, of_light: &'static str) -> Option<Cause> {
     let light = zero_measure(p)?;
     let is_pane = |s: &ShapePart<f64>| {
         let flat = matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk);
-        flat && is_smooth(p, s.surface) && !has_straight_borders(p, s)
+        flat && is_smooth(p, s.surface) && !has_known_borders(p, s)
     };
-    let counts =
-        |s: &&ShapePart<f64>| !matches!(p.surfaces[s.surface], SurfacePart::Null) && !has_straight_borders(p, s);
+    let counts = |s: &&ShapePart<f64>| !matches!(p.surfaces[s.surface], SurfacePart::Null) && !has_known_borders(p, s);
     let round = p.shapes.iter().find(counts);
     // Beside panes nothing else would do.
     match round.filter(|_| !p.shapes.iter().any(is_pane)) {
         Some(s) => Some(Cause::of_shape(
             s,
-            "glass, mirrors and what stands beside them must have flat faces in light without extent: make it a cube or a mesh; or use an area light, an environment or, where nothing is opaque, a collimated beam",
+            "in light without extent glass and mirrors must have flat faces: make it a cube or a mesh; or use an area light, an environment or, where nothing is opaque, a collimated beam",
         )),
         None => Some(Cause::of_light(light, of_light)),
     }
@@ -78,13 +77,9 @@ pub fn is_outlined(p: &Parts<f64>, s: usize) -> bool {
     !matches!(p.surfaces[s], SurfacePart::Null) && !is_smooth(p, s)
 }
 
-/// What has a rim, as `term::interfaces` has it.
+/// A cylinder where rays turn, as `term::interfaces` has it.
 pub fn rimmed(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
-    p.shapes.iter().find(|s| match s.kind {
-        ShapeKind::Disk => is_outlined(p, s.surface),
-        ShapeKind::Cylinder { .. } => !matches!(p.surfaces[s.surface], SurfacePart::Null),
-        _ => false,
-    })
+    p.shapes.iter().find(|s| matches!(s.kind, ShapeKind::Cylinder { .. }) && is_smooth(p, s.surface))
 }
 
 /// What of the scene asks for a term that does not exist for such a motion.

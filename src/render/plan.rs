@@ -3,7 +3,7 @@
 //! loads no grid.
 
 use super::cause::{
-    Cause, cause, has_straight_borders, is_outlined, is_smooth, nearest_grid, rimmed, unlit, zero_measure,
+    Cause, cause, has_known_borders, is_outlined, is_smooth, nearest_grid, rimmed, unlit, zero_measure,
 };
 use crate::error::{Error, Result};
 use crate::math::Dual;
@@ -143,17 +143,17 @@ pub struct Facts {
     /// The density of some medium jumps at a visible border (its box, its shape).
     pub border_jump: bool,
     pub dielectric: bool,
-    /// All of it is rectangles and disks: a rectangle or a disk.
+    /// All of it is rectangles, and disks of glass.
     pub only_panes: bool,
-    /// All that casts shadows, glass too, has straight borders.
-    pub only_straight: bool,
+    /// All that casts shadows, glass too, has known borders.
+    pub known_borders: bool,
     /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,
     /// A ball of glass or a mirror ball, and something outside of it that scatters.
     pub rims: bool,
     /// Something with an outline (occluder, lamp) can be seen or cast by way of an interface.
     pub beyond_interface: bool,
-    /// Beside a smooth interface, something of which edges are not straight: an opaque disk or cylinder, or an interface that is a cylinder.
+    /// An interface that is a cylinder.
     pub rimmed: bool,
     /// A zero-measure light whose light has to cross an interface.
     pub light_across_interface: bool,
@@ -369,7 +369,7 @@ impl Plan {
             // By way of flat faces all light of lights without extent is known, where they are parallel and nothing casts shadows (`term::panes` sees to that), or all shadows have straight borders (`term::cast`).
             let turns = motion.camera || motion.ior || motion.interface;
             let moved = motion.opaque || motion.area_light;
-            let known = (facts.only_panes && !moved || facts.only_straight)
+            let known = (facts.only_panes && !moved || facts.known_borders)
                 && (light || facts.zero_measure_light && (turns || moved));
             if known {
                 let why = if turns || moved {
@@ -378,7 +378,7 @@ impl Plan {
                     "a light moves that shines by way of flat faces"
                 };
                 all.entry(Term::C).or_insert_with(|| format!("{why} ({name})"));
-                if facts.only_straight {
+                if facts.known_borders {
                     all.entry(Term::G).or_insert_with(|| format!("{why}, which end ({name})"));
                     if facts.receivers {
                         all.entry(Term::R).or_insert_with(|| format!("{why}, which end ({name})"));
@@ -410,13 +410,13 @@ impl Plan {
                 && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface))
             {
                 let why = "what moves may be seen or lit by way of an interface";
-                let remedy = "use an area light that is a rectangle, an environment or, where nothing is opaque, a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or of glass only cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of flat faces";
+                let remedy = "use an area light that is a rectangle, an environment or, where nothing is opaque, a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or of glass only cubes and convex meshes, of metal rectangles too, and of all else anything but meshes with vertex normals";
                 miss(Term::S, why, unlit(&parts, remedy));
             }
             let turns = motion.ior || motion.interface || motion.beam;
             if facts.rimmed && (matter || turns) {
-                let why = "what has a round rim may be seen by way of an interface";
-                let remedy = "make it a mesh of flat faces: beside glass and mirrors, rims have to be straight";
+                let why = "rays turn at a cylinder";
+                let remedy = "make it a mesh of flat faces";
                 miss(Term::VE, why, rimmed(&parts).map(|s| Cause::of_shape(s, remedy)));
             }
             if let Some(m) = nearest_grid(&parts).filter(|_| light || matter) {
@@ -515,8 +515,12 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         only_panes: p.shapes.iter().any(|s| smooth(s.surface))
-            && p.shapes.iter().all(|s| !smooth(s.surface) || matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk)),
-        only_straight: p.shapes.iter().any(|s| smooth(s.surface)) && solid.iter().all(|s| has_straight_borders(p, s)),
+            && p.shapes.iter().all(|s| match s.kind {
+                ShapeKind::Rectangle => true,
+                ShapeKind::Disk => !matches!(p.surfaces[s.surface], SurfacePart::Conductor { .. }),
+                _ => !smooth(s.surface),
+            }),
+        known_borders: p.shapes.iter().any(|s| smooth(s.surface)) && solid.iter().all(|s| has_known_borders(p, s)),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),
         rims: rims(p),

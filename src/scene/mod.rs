@@ -121,6 +121,12 @@ impl Scene {
         !(reflects && s.light.is_none() && matches!(s.shape, Shape::Sphere(_)))
     }
 
+    /// Whether it is a disk of smooth metal: its rim is seen, as that of a disk of glass, which bounds a half-space, is not.
+    pub fn is_round_mirror(&self, s: &Instance) -> bool {
+        let metal = matches!(self.surfaces[s.surface as usize], Surface::Conductor { .. });
+        metal && matches!(s.shape, Shape::Disk(_))
+    }
+
     /// Whether the shape does nothing but part media.
     pub fn is_border(&self, s: &Instance) -> bool {
         s.boundary && self.is_null(s)

@@ -1,7 +1,7 @@
-//! Where lights without extent begin and cease to shine by a way of flat smooth faces: at the border of a face that light meets, or of one that comes between (terms G of [T] section 3, by way of interfaces).
+//! Where lights without extent begin and cease to shine by a way of flat smooth faces: at the border of a face that light meets, or of one that comes between, or at the rim or outline of something opaque and round (terms G of [T] section 3, by way of interfaces).
 //!
 //! By given planes light comes to every point y in one way at most ([`crate::math::fermat`]), and all that it brings is smooth in the places of all ([`crate::transport::way_motion`]), but at y whose way
-//! goes by the border of a face. These y form a *sheet*: rays from the points z of the border, which light comes to by the planes before it and leaves by those behind. A face that stands between counts as a plane
+//! goes by such a border ([`super::cast_border`]). These y form a *sheet*: rays from the points z of the border, which light comes to by the planes before it and leaves by those behind. A face that stands between counts as a plane
 //! that does nothing. A path's span crosses a sheet where it meets one of its rays. Points of the span move with ẋ; there light grows by
 //!
 //! ```text
@@ -13,7 +13,8 @@
 //!
 //! Where two faces in turn share an edge, light passes both at one point of it: such a border is the first one's alone.
 
-use super::cast_sheet::{self, Sheet, around, count, of_light};
+use super::cast_border;
+use super::cast_sheet::{Sheet, around, count, of_light};
 use super::cast_trace::Traces;
 use super::interfaces::{self, FACETS};
 use super::sheet::Partials;
@@ -88,7 +89,7 @@ pub fn aside(scene: &Scene) -> f64 {
     ASIDE * scene.bounds.radius()
 }
 
-/// Whether all of them are known where something moves: whatever casts shadows has straight borders, and no border of a medium alone moves.
+/// Whether all of them are known where something moves: whatever casts shadows has straight borders or is opaque, and no border of a medium alone moves.
 pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
     let chains = &scene.chains;
     scene.lights.iter().any(Light::is_delta)
@@ -105,13 +106,13 @@ pub fn unknown<'a>(scene: &'a Scene, motion: &'a Motion) -> impl Iterator<Item =
         let smooth = scene.surface_of(id).is_smooth();
         match &s.shape {
             Shape::Cube(_) => true,
+            Shape::Sphere(_) | Shape::Cylinder(_) | Shape::Disk(_) => !smooth,
             // One of glass bounds a half-space, whose border has to be out of sight.
             Shape::Rectangle(_) => !(smooth && scene.surface_of(id).is_transparent()),
             Shape::Mesh(_) if !smooth => has_flat_faces(s) && s.shape.face_count() <= OPAQUE,
             Shape::Mesh(m) => {
                 has_flat_faces(s) && s.shape.face_count() <= FACETS && is_convex(m, scene.tolerance(m.bounds().max))
             }
-            _ => false,
         }
     };
     (0..).zip(&scene.shapes).filter(move |(id, s)| !known(*id, s)).map(|(_, s)| s)
@@ -130,7 +131,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     }
     interfaces::touching(scene)?;
     interfaces::contacts(scene, motion)?;
-    if let Some((a, b)) = cast_sheet::overlapping(scene, |a, b| motion.class(a) != motion.class(b)) {
+    if let Some((a, b)) = cast_border::overlapping(scene, |a, b| motion.class(a) != motion.class(b)) {
         let [a, b] = [a, b].map(|k| &scene.shapes[k as usize]);
         let what = format!(
             "edges of `{}` and `{}` lie on each other in part, or move apart, beside glass or mirrors: the shadow that they cast in light without extent cannot be told yet",
@@ -143,7 +144,8 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         ));
     }
     let delta = (0..scene.lights.len() as u32).filter(|&id| scene.lights[id as usize].is_delta());
-    let sheets: usize = delta.map(|id| count(scene, id)).sum();
+    let borders = cast_border::borders(scene);
+    let sheets: usize = delta.map(|id| count(scene, &borders, id)).sum();
     if sheets > SHEETS {
         let first = &scene.shapes[scene.chains.faces[0].shape as usize];
         let what = format!(
@@ -169,7 +171,8 @@ impl Casts {
         let slots: Vec<Option<Slot>> = scene.lights.iter().zip(&motion.lights).map(slot).collect();
         let moves = |id: usize| motion.surfaces() || slots[id].is_some();
         let lights = scene.lights.iter().enumerate().filter(|(id, l)| l.is_delta() && moves(*id));
-        let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, id as u32)).collect();
+        let borders = cast_border::borders(scene);
+        let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, &borders, id as u32)).collect();
         sheets.sort_by(|a, b| b.asked.total_cmp(&a.asked));
         let ended = Ended::new(scene, &motion.moving, sheets, slots);
         let traces = Traces::prepare(scene, sensor, margin, &ended);
@@ -266,7 +269,7 @@ impl Casts {
                 };
                 velocity.forms(scene, cx.sensor, m, |q| partials.push(q));
                 let (shape, face) = sheet.border.own();
-                scene.matter(shape, face).forms(sheet.point(s), -m, |q| partials.push(q));
+                scene.matter(shape, face).forms(met.place.z, -m, |q| partials.push(q));
             }
             partials.extend(self.ended.by_light(sheet, by_light));
             emit(flux, &partials);

@@ -3,6 +3,7 @@
 //! Rays are told at some places of the border: between two of them a line may meet one where the volume that both span changes its sign, or comes near to none. Stretches of a border from which no
 //! light goes on, because another face is missed or the border's own faces hide it, are left out.
 
+use super::cast_border::{BESIDE, Border, Place, borders_of, edges, is_same};
 use super::ends;
 use super::shown::window;
 use crate::light::Origin;
@@ -13,26 +14,23 @@ use crate::math::{DVec3, Rgb};
 use crate::scene::beams::Step;
 use crate::scene::bodies::Set;
 use crate::scene::chains::{Face, Link, MOST};
-use crate::scene::{Hit, Instance, On, Scene};
-use crate::shape::Geometry;
-use crate::shape::edges::{border, sides, with_corners};
+use crate::scene::{Hit, On, Scene};
 use crate::transport::record::MediumSpan;
 use crate::transport::way_motion::Slide;
 use crate::transport::{beam, chain};
 use rayon::prelude::*;
 use smallvec::SmallVec;
+use std::cell::Cell;
 use std::collections::HashMap;
 
-/// Pieces of a border at least, between whose ends rays are interpolated.
+/// Pieces of an edge at least, between whose ends rays are interpolated.
 const PIECES: usize = 16;
+/// Those of a rim or ball.
+const AROUND: usize = 48;
 /// Further ones are halved so often toward where the light is nearest: near to glass little of it may be let in.
 const HALVED: i32 = 12;
 /// Halvings that find where rays of a sheet end.
 const STEPS: usize = 60;
-/// Share of a border between two rays that tell how the sheet lies.
-const BESIDE: f64 = 1e-5;
-/// How far from opposite the directions into two faces of one plane may be.
-const FLAT: f64 = 1e-12;
 /// Distances ahead, in scene radii, that may be none: light passes two faces at the edge that they share.
 const NONE: f64 = 1e-9;
 
@@ -54,23 +52,6 @@ pub struct Sheet {
 
 /// What a ray begins on: shapes, and faces of them.
 pub type Grazed = SmallVec<[(u32, Vec<u32>); 2]>;
-
-/// An edge of what is smooth or opaque, and its faces.
-#[derive(Clone, Debug)]
-pub struct Border {
-    ends: [DVec3; 2],
-    /// Shape and face: its matter goes with the first.
-    faces: SmallVec<[(u32, u32); 2]>,
-    /// Directions into its faces.
-    into: SmallVec<[DVec3; 2]>,
-}
-
-impl Border {
-    /// The face whose matter it goes with.
-    pub fn own(&self) -> (u32, u32) {
-        self.faces[0]
-    }
-}
 
 /// Of a sheet: unit direction.
 #[derive(Clone, Copy, Debug)]
@@ -100,6 +81,10 @@ pub struct Met {
     idle: Option<usize>,
     /// Where light meets the first of them.
     first: DVec3,
+    /// On the border.
+    pub place: Place,
+    /// Of a share of the border, across the light.
+    pub length: f64,
     /// Across the border.
     pub m: DVec3,
     /// Direction of the light behind all.
@@ -148,25 +133,24 @@ fn sets(scene: &Scene, begins: Set, links: &[Link]) -> SmallVec<[Set; MOST + 1]>
 }
 
 /// All sheets of a light that it may go on from.
-pub fn of_light(scene: &Scene, id: u32) -> Vec<Sheet> {
+pub fn of_light(scene: &Scene, borders: &[Border], id: u32) -> Vec<Sheet> {
     let faces = &scene.chains.faces;
     let (ways, begins) = ways(scene, id);
-    let borders = borders(scene);
-    let own: Vec<Vec<Border>> = faces.iter().map(|f| borders_of(scene, &borders, f)).collect();
+    let own: Vec<Vec<Border>> = faces.iter().map(|f| borders_of(scene, borders, f)).collect();
     let of_way = |(links, asked): &Way| {
         let within = sets(scene, begins, links);
         let mut sheets = Vec::new();
         let mut add = |at: usize, between: bool, border: Border| {
             let (links, asked) = (links.clone(), *asked);
             let within = within[links.len()];
-            let mut sheet = Sheet { light: id, links, asked, at, between, border, within, pieces: Vec::new() };
-            sheet.trace(scene);
+            let sheet = Sheet { light: id, links, asked, at, between, border, within, pieces: Vec::new() };
+            let sheet = sheet.traced(scene);
             sheets.extend(Some(sheet).filter(|s| !s.pieces.is_empty()));
         };
         for (at, link) in links.iter().enumerate() {
             let before = at.checked_sub(1).map(|k| &faces[links[k].face as usize]);
             let shared = |ends: &[DVec3; 2]| before.is_some_and(|b| edges(b).any(|other| is_same(scene, ends, &other)));
-            for b in own[link.face as usize].iter().filter(|b| !shared(&b.ends)) {
+            for b in own[link.face as usize].iter().filter(|b| !b.ends().is_some_and(shared)) {
                 add(at, false, b.clone());
             }
         }
@@ -186,43 +170,8 @@ pub fn of_light(scene: &Scene, id: u32) -> Vec<Sheet> {
     ways.par_iter().flat_map_iter(of_way).collect()
 }
 
-/// The borders of a face, itself first of their faces. Of two facets in one plane either takes over what the other leaves.
-fn borders_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<Border> {
-    let own = (face.shape, face.face);
-    let known = |ends: [DVec3; 2]| {
-        let found = borders.iter().find(|b| b.own().0 == face.shape && is_same(scene, &b.ends, &ends))?;
-        let others = found.faces.iter().copied().filter(|f| *f != own);
-        Some(Border { ends, faces: std::iter::once(own).chain(others).collect(), into: SmallVec::new() })
-    };
-    edges(face).filter_map(known).collect()
-}
-
-/// Two opaque shapes with edges that lie on each other in part only, or all along though they are `apart`: shapes that move differently.
-pub fn overlapping(scene: &Scene, apart: impl Fn(u32, u32) -> bool) -> Option<(u32, u32)> {
-    let borders: Vec<Border> =
-        borders(scene).into_iter().filter(|b| !scene.surface_of(b.own().0).is_smooth()).collect();
-    let slack = ends::contact(scene);
-    let shared = |b: &Border| b.faces.iter().map(|f| f.0).find(|&k| apart(b.own().0, k)).map(|k| (b.own().0, k));
-    if let Some(pair) = borders.iter().find_map(shared) {
-        return Some(pair);
-    }
-    let lie_on = |[a, b]: [DVec3; 2], [p, q]: [DVec3; 2]| {
-        let length = (b - a).length();
-        let w = (b - a) / length;
-        let along = |x: DVec3| (x - a).dot(w);
-        let is_off = |x: DVec3| (x - a - w * along(x)).length() > slack;
-        let (lo, hi) = (along(p).min(along(q)), along(p).max(along(q)));
-        !is_off(p) && !is_off(q) && hi.min(length) - lo.max(0.0) > slack
-    };
-    borders.iter().enumerate().find_map(|(k, a)| {
-        let of_others = borders[k + 1..].iter().filter(|b| b.own().0 != a.own().0);
-        of_others.into_iter().find(|b| lie_on(a.ends, b.ends)).map(|b| (a.own().0, b.own().0))
-    })
-}
-
 /// How many sheets a light has at most.
-pub fn count(scene: &Scene, id: u32) -> usize {
-    let borders = borders(scene);
+pub fn count(scene: &Scene, borders: &[Border], id: u32) -> usize {
     let (ways, begins) = ways(scene, id);
     let stand = |set: Set| borders.iter().filter(|b| scene.bodies.may_meet(b.own().0, Some(set))).count();
     let mut known: HashMap<Set, usize> = HashMap::new();
@@ -230,53 +179,6 @@ pub fn count(scene: &Scene, id: u32) -> usize {
     ways.iter()
         .map(|(links, _)| 4 * links.len() + sets(scene, begins, links).into_iter().map(&mut of_set).sum::<usize>())
         .sum()
-}
-
-fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {
-    border(face.corners())
-}
-
-/// All edges of what is smooth or opaque, each once (those that opaque shapes share, too), but those within a plane.
-fn borders(scene: &Scene) -> Vec<Border> {
-    let mut found: Vec<Border> = Vec::new();
-    let mut first = 0;
-    let mut add = |shape: u32, face: u32, corners: &[DVec3]| {
-        // Faces come shape by shape, opaque ones last.
-        let is_new = |b: &Border| b.own().0 != shape && scene.surface_of(b.own().0).is_smooth();
-        if found.last().is_some_and(is_new) {
-            first = found.len();
-        }
-        for (ends, (_, into)) in border(corners).zip(sides(corners)) {
-            match found[first..].iter_mut().find(|b| is_same(scene, &b.ends, &ends)) {
-                Some(known) => {
-                    known.faces.push((shape, face));
-                    known.into.push(into);
-                }
-                None => found.push(Border {
-                    ends,
-                    faces: SmallVec::from_iter([(shape, face)]),
-                    into: SmallVec::from_iter([into]),
-                }),
-            }
-        }
-    };
-    for f in scene.chains.faces.iter() {
-        add(f.shape, f.face, f.corners());
-    }
-    let is_opaque = |(id, s): &(u32, &Instance)| !scene.is_null(s) && !scene.surface_of(*id).is_smooth();
-    for (id, s) in (0..).zip(&scene.shapes).filter(is_opaque) {
-        for face in 0..s.shape.face_count() {
-            with_corners(&s.shape, face, |corners| add(id, face, corners));
-        }
-    }
-    // Within a plane there is none.
-    found.retain(|b| !matches!(b.into[..], [a, c] if a.dot(c) < FLAT - 1.0));
-    found
-}
-
-fn is_same(scene: &Scene, [a, b]: &[DVec3; 2], [c, d]: &[DVec3; 2]) -> bool {
-    let near = |x: &DVec3, y: &DVec3| (*x - *y).length() <= ends::contact(scene);
-    near(a, c) && near(b, d) || near(a, d) && near(b, c)
 }
 
 impl Met {
@@ -287,18 +189,23 @@ impl Met {
 }
 
 impl Sheet {
-    pub fn point(&self, s: f64) -> DVec3 {
-        self.border.ends[0].lerp(self.border.ends[1], s)
+    /// A place of the border. Searches that do not settle are counted.
+    fn place(&self, scene: &Scene, s: f64, unsettled: &mut u64) -> Option<Place> {
+        let lost = Cell::new(0);
+        let comes = |z: DVec3| {
+            let mut count = 0;
+            let w = self.comes(scene, z, &mut count);
+            lost.set(lost.get() + count);
+            w
+        };
+        let place = self.border.place(s, comes);
+        *unsettled += lost.get();
+        place
     }
 
-    /// Unit direction of the border.
-    pub fn along(&self) -> DVec3 {
-        (self.border.ends[1] - self.border.ends[0]).normalize()
-    }
-
-    /// Of the border.
-    pub fn length(&self) -> f64 {
-        (self.border.ends[1] - self.border.ends[0]).length()
+    /// Length across the light of a share of the border at a place of it.
+    fn length_across(&self, scene: &Scene, s: f64, at: &Place) -> Option<f64> {
+        self.border.length_across(s, at, |s| self.place(scene, s, &mut 0))
     }
 
     /// Stretches of the border, between neighbouring places of which rays are known.
@@ -306,15 +213,14 @@ impl Sheet {
         self.pieces.iter().flat_map(|p| p.windows(2).map(|w| [w[0].0, w[1].0])).filter(|[a, b]| b > a)
     }
 
-    /// What its ray by a place of the border begins on, at o: the last face that it meets, and those of the border where that is there.
-    fn grazed(&self, scene: &Scene, s: f64, o: DVec3) -> Grazed {
-        let mut grazed = Grazed::new();
-        let last = self.links.last().map(|l| &scene.chains.faces[l.face as usize]).map(|f| (f.shape, f.face));
-        let own = (o - self.point(s)).length() <= ends::contact(scene);
-        for (shape, face) in self.border.faces.iter().copied().filter(|_| own).chain(last) {
-            match grazed.iter_mut().find(|g| g.0 == shape) {
-                Some(known) => known.1.push(face),
-                None => grazed.push((shape, vec![face])),
+    /// What its ray by a place z of the border begins on, at o: the last face that it meets, and those of the border where that is there.
+    fn grazed(&self, scene: &Scene, z: DVec3, o: DVec3) -> Grazed {
+        let own = (o - z).length() <= ends::contact(scene);
+        let mut grazed = if own { self.border.grazed() } else { Grazed::new() };
+        if let Some(last) = self.links.last().map(|l| &scene.chains.faces[l.face as usize]) {
+            match grazed.iter_mut().find(|g| g.0 == last.shape) {
+                Some(known) => known.1.push(last.face),
+                None => grazed.push((last.shape, vec![last.face])),
             }
         }
         grazed
@@ -322,9 +228,9 @@ impl Sheet {
 
     /// Where the ray by a place of the border ends on something that scatters, its direction, and what it begins on. Not what the border stands on: the border itself is seen there.
     pub fn lands(&self, scene: &Scene, s: f64, unsettled: &mut u64) -> Option<(Hit, DVec3, Grazed)> {
-        let z = self.point(s);
-        let ray = self.leaves(scene, z, self.comes(scene, z, unsettled)?)?.1;
-        let grazed = self.grazed(scene, s, ray.o);
+        let Place { z, comes, .. } = self.place(scene, s, unsettled)?;
+        let ray = self.leaves(scene, z, comes)?.1;
+        let grazed = self.grazed(scene, z, ray.o);
         let hit = scene.opaque_past(ray.o, ray.w, f64::INFINITY, &grazed)?;
         let scatters = !scene.surface_of(hit.shape).is_smooth();
         (scatters && (hit.p - z).length() > ends::contact(scene)).then_some((hit, ray.w, grazed))
@@ -384,14 +290,13 @@ impl Sheet {
     }
 
     fn ray(&self, scene: &Scene, s: f64) -> Option<Ray> {
-        let z = self.point(s);
-        Some(self.leaves(scene, z, self.comes(scene, z, &mut 0)?)?.1)
+        let Place { z, comes, .. } = self.place(scene, s, &mut 0)?;
+        Some(self.leaves(scene, z, comes)?.1)
     }
 
     /// A ray, and how far within their faces all is that it meets but the border: none of them below 0, or no light comes.
     fn known(&self, scene: &Scene, s: f64) -> Option<(Ray, Margins)> {
-        let z = self.point(s);
-        let comes = self.comes(scene, z, &mut 0)?;
+        let Place { z, comes, along } = self.place(scene, s, &mut 0)?;
         let (_, before, _) = chain::steps(scene, &scene.chains, &self.links[..self.at], (z, comes), false)?;
         let (behind, ray) = self.leaves(scene, z, comes)?;
         let faces = |links: &[Link]| links.iter().map(|l| &scene.chains.faces[l.face as usize]).collect::<Vec<_>>();
@@ -402,7 +307,7 @@ impl Sheet {
         margins.extend(last.iter().zip(&behind).skip(own).flat_map(|(f, (_, p))| f.depths(*p)));
         if let (true, [a, b]) = (self.between, &self.border.into[..]) {
             // Faces on either side of the ray hide both.
-            let across = comes.cross(self.along());
+            let across = comes.cross(along);
             margins.push(across.dot(*a) * across.dot(*b) * scene.bounds.radius());
         }
         Some((ray, margins))
@@ -410,9 +315,10 @@ impl Sheet {
 
     /// Places of the border between which rays are looked for.
     fn places(&self, scene: &Scene) -> Vec<f64> {
-        let mut places: Vec<f64> = (0..=PIECES).map(|k| k as f64 / PIECES as f64).collect();
-        if let Some(q) = scene.lights[self.light as usize].center().filter(|_| self.at == 0) {
-            let [a, b] = self.border.ends;
+        let count = if self.border.is_closed() { AROUND } else { PIECES };
+        let mut places: Vec<f64> = (0..=count).map(|k| k as f64 / count as f64).collect();
+        let light = scene.lights[self.light as usize].center().filter(|_| self.at == 0);
+        if let Some((q, &[a, b])) = light.zip(self.border.ends()) {
             let foot = (q - a).dot(b - a) / (b - a).length_squared();
             let graded = (1..=HALVED).flat_map(|k| [-1.0, 1.0].map(|side| foot + side * 0.5f64.powi(k)));
             places.extend(graded.chain([foot]).filter(|s| *s > 0.0 && *s < 1.0));
@@ -422,8 +328,16 @@ impl Sheet {
         places
     }
 
-    /// Find its rays: stretches of the border that light may go on from.
-    fn trace(&mut self, scene: &Scene) {
+    /// With its rays: stretches of the border that light may go on from.
+    fn traced(self, scene: &Scene) -> Sheet {
+        let border = self.border.clone().lit(|z| self.comes(scene, z, &mut 0));
+        let mut sheet = Sheet { border, ..self };
+        sheet.pieces = sheet.trace(scene);
+        sheet
+    }
+
+    fn trace(&self, scene: &Scene) -> Vec<Vec<(f64, Ray)>> {
+        let mut pieces = Vec::new();
         let known: Vec<(f64, Option<(Ray, Margins)>)> =
             self.places(scene).into_iter().map(|s| (s, self.known(scene, s))).collect();
         // Faces in turn that share the border are met on it.
@@ -441,12 +355,13 @@ impl Sheet {
             };
             let goes_on = piece.last().zip(part.first()).is_some_and(|(x, y)| x.0 == y.0);
             if !goes_on {
-                self.pieces.push(std::mem::take(&mut piece));
+                pieces.push(std::mem::take(&mut piece));
             }
             piece.extend(part.into_iter().skip(usize::from(goes_on)));
         }
-        self.pieces.push(piece);
-        self.pieces.retain(|p| p.len() > 1);
+        pieces.push(piece);
+        pieces.retain(|p| p.len() > 1);
+        pieces
     }
 
     /// The last place with a ray, from one that has one to one that has none.
@@ -502,11 +417,10 @@ impl Sheet {
 
     /// The way by a place of the border; `None` where its planes are not met in turn. Searches that do not settle are counted.
     pub fn met(&self, scene: &Scene, s: f64, unsettled: &mut u64) -> Option<Met> {
-        let z = self.point(s);
-        let comes = self.comes(scene, z, unsettled)?;
+        let place = self.place(scene, s, unsettled)?;
+        let Place { z, comes, along } = place;
         let (before, points, _) = chain::steps(scene, &scene.chains, &self.links[..self.at], (z, comes), false)?;
         let (behind, ray) = self.leaves(scene, z, comes)?;
-        let along = self.along();
         let (mut steps, mut idle) = (SmallVec::from_vec(before), None);
         let m = if self.between {
             let n = (comes - along * comes.dot(along)).try_normalize()?;
@@ -520,7 +434,8 @@ impl Sheet {
         };
         steps.extend(behind.into_iter().map(|s| s.0));
         let first = points.last().copied().unwrap_or(z);
-        Some(Met { from: self.from(scene)?, steps, idle, first, m, w: ray.w })
+        let length = self.length_across(scene, s, &place)?;
+        Some(Met { from: self.from(scene)?, steps, idle, first, place, length, m, w: ray.w })
     }
 
     /// Irradiance across its direction that the light brings to y, whose faces and medium are given, by the faces; none where it does not come. Searches that do not settle are counted.

@@ -1,3 +1,4 @@
+use super::super::cast_border::{Line, borders};
 use super::*;
 use crate::math::rng::Rng;
 use crate::scene::SceneDesc;
@@ -37,6 +38,25 @@ fn nested(light: &str) -> Scene {
     ))
 }
 
+/// Opaque balls above a block and in it, and a mirror, in haze.
+fn balls(light: &str) -> Scene {
+    compiled(&format!(
+        r#"<shape type="cube"><transform name="to_world"><scale x="0.9" y="0.7" z="0.6"/><rotate z="1" angle="20"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.5"/></bsdf></shape>
+      <shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate y="1" angle="70"/><translate x="-1.4" z="1"/></transform><bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape>
+      <shape type="sphere"><point name="center" value="0.3, -0.2, 1.1"/><float name="radius" value="0.25"/></shape>
+      <shape type="sphere"><point name="center" value="-0.2, 0.15, -0.1"/><float name="radius" value="0.3"/></shape>{light}"#
+    ))
+}
+
+/// A tube above a block, and a plate in it, in haze.
+fn rims_and_walls(light: &str) -> Scene {
+    compiled(&format!(
+        r#"<shape type="cube"><transform name="to_world"><scale x="0.9" y="0.7" z="0.6"/><rotate z="1" angle="20"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.5"/></bsdf></shape>
+      <shape type="cylinder"><point name="p0" value="0.1, -0.3, 0.9"/><point name="p1" value="0.4, 0.2, 1.1"/><float name="radius" value="0.2"/></shape>
+      <shape type="disk"><transform name="to_world"><scale x="0.3" y="0.4"/><rotate x="1" angle="20"/><translate x="-0.2" y="0.15"/></transform></shape>{light}"#
+    ))
+}
+
 fn compiled(body: &str) -> Scene {
     let text = format!(
         r#"<scene version="3.0.0"><integrator type="volpath"><integer name="max_depth" value="5"/></integrator><sensor type="perspective"/>
@@ -49,7 +69,10 @@ fn compiled(body: &str) -> Scene {
 /// Wherever the light of a way jumps along a line, the line crosses a sheet of it; and what sheets say it jumps by is what it does.
 #[test]
 fn light_jumps_at_sheets_alone() {
-    for (light, scene) in [LAMP, SUN].into_iter().flat_map(|l| [(l, blocks(l)), (l, prism(l)), (l, nested(l))]) {
+    for (light, scene) in [LAMP, SUN]
+        .into_iter()
+        .flat_map(|l| [(l, blocks(l)), (l, prism(l)), (l, nested(l)), (l, balls(l)), (l, rims_and_walls(l))])
+    {
         let bodies = &scene.bodies;
         let (all, begins) = ways(&scene, 0);
         // Facets in one plane count as one face: what one leaves another takes over.
@@ -70,7 +93,8 @@ fn light_jumps_at_sheets_alone() {
         }
         let brings = |own: &[&Way], y: DVec3, within: u64| {
             let each = own.iter().map(|(links, asked)| {
-                let border = Border { ends: [DVec3::ZERO; 2], faces: SmallVec::new(), into: SmallVec::new() };
+                let border =
+                    Border { line: Line::Edge([DVec3::ZERO; 2]), faces: SmallVec::new(), into: SmallVec::new() };
                 let (links, asked, pieces) = (links.clone(), *asked, Vec::new());
                 Sheet { light: 0, links, asked, at: 0, between: false, border, within, pieces }.arrives(
                     &scene,
@@ -80,7 +104,7 @@ fn light_jumps_at_sheets_alone() {
             });
             each.sum::<f64>()
         };
-        let sheets = of_light(&scene, 0);
+        let sheets = of_light(&scene, &borders(&scene), 0);
         let mut rng = Rng::keyed(7, 0, 0, 0);
         let mut jumps = 0;
         for _ in 0..16 {

@@ -121,7 +121,7 @@ impl Spot<'_> {
             tally.unsettled += 1;
             return None;
         };
-        let ([by_end, by_light], [by_along, _]) = (slide.by_ends(met.m), slide.by_ends(sheet.along()));
+        let ([by_end, by_light], [by_along, _]) = (slide.by_ends(met.m), slide.by_ends(met.place.along));
         let slope = by_end - n * n.dot(by_end);
         let off = slope.normalize_or_zero() * (aside(scene) / slope.length()).min(FARTHEST * scene.bounds.radius());
         let [more, less] = [off, -off].map(|off| {
@@ -129,7 +129,7 @@ impl Spot<'_> {
             sheet.arrives(scene, (h.p, On::at(&h), self.medium), &mut tally.unsettled)
         });
         // Both gradients are across w.
-        let measure = sheet.length() / (by_end.cross(by_along).length() * self.density);
+        let measure = met.length / (by_end.cross(by_along).length() * self.density);
         let light = (more - less) * measure;
         tally.nonfinite += u64::from(!light.is_finite());
         (light.is_finite() && !light.is_zero()).then_some(Jump { met, by_light, light })
@@ -146,7 +146,7 @@ impl Spot<'_> {
             };
             slid.forms(scene, cx.sensor, m, |q| partials.push(q));
             let (shape, face) = self.sheet.border.own();
-            scene.matter(shape, face).forms(self.sheet.point(self.s), -m, |q| partials.push(q));
+            scene.matter(shape, face).forms(jump.met.place.z, -m, |q| partials.push(q));
         }
         partials.extend(ended.by_light(self.sheet, jump.by_light));
         Some(partials)
@@ -174,7 +174,7 @@ impl Traces {
                 let scatters = |s: &Spot| !s.vertex().scatter(scene, -s.w).is_zero();
                 let light = |s: Spot| s.jump(scene, &mut Tally::default()).map_or(0.0, |j| j.light.abs().max());
                 let light = spot.filter(scatters).map_or(0.0, light) * if ended.moves(k) { 1.0 } else { STILL };
-                parts.push((Part { sheet: k, s: [a, b], ends }, light, sheet.asked * (b - a) * sheet.length()));
+                parts.push((Part { sheet: k, s: [a, b], ends }, light, sheet.asked * (b - a) * sheet.border.length()));
             }
             parts
         };

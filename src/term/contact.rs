@@ -50,7 +50,7 @@ pub fn find(scene: &Scene, motion: &Motion, params: &ParamSet) -> Option<(u32, u
         let shapes: Vec<u32> = r.shapes().collect();
         stands(scene, motion, params, reach, &shapes, 0, |t| r.edge(t).a)
     };
-    let found = chosen.find_map_first(of_edge).or_else(|| rims(scene, motion).iter().find_map(of_rim));
+    let found = chosen.find_map_first(of_edge).or_else(|| rims(scene, |i| motion.class(i)).iter().find_map(of_rim));
     found.or_else(|| borders(scene, motion, params, reach))
 }
 

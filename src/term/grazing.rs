@@ -123,7 +123,7 @@ impl Edges {
             curved.push(Element { curve, grazed });
             weights.push(size * aim.weight(motion, id, middle));
         }
-        for r in rims(scene, motion) {
+        for r in rims(scene, |i| motion.class(i)) {
             let Some(shape) = r.shapes().next() else { continue };
             let size = PI * (r.x.length() + r.y.length()) * TAU * wedge(&r.edge(0.0)).1;
             let opaque = f64::from(u8::from(!smooth(shape)));

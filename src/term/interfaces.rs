@@ -1,9 +1,10 @@
 //! What moves beside smooth interfaces and cannot be differentiated yet: refused by name.
 //!
-//! Behind an interface a camera ray turns with the index, with the interface and with the camera, and takes what it meets along (`transport::ray`). Straight edges that it sees there, and those of
-//! the interface itself, and opaque balls, are [`super::virtual_edge`]'s. What is left are outlines of other curved things by way of an interface, and shadows of lights without extent that are cast through it ([`panes`] says where there are none). A smooth
+//! Behind an interface a camera ray turns with the index, with the interface and with the camera, and takes what it meets along (`transport::ray`). The edges of what it sees there, and those of
+//! the interface itself, are [`super::virtual_edge`]'s. What is left are cylinders where rays turn, outlines of balls that are bright from one side alone, and shadows of lights without extent that are cast through it ([`panes`] says where there are none). A smooth
 //! silhouette of glass is no jump: at grazing all light is mirrored, straight on.
 
+use super::rims::{Rim, rims};
 use super::{Motion, cast, contact, ends, panes};
 use crate::error::{Error, Result};
 use crate::light::{Light, LightKind};
@@ -41,19 +42,12 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     if !motion.surfaces() {
         return Ok(());
     }
-    let is_metal = |s: &Instance| matches!(scene.surfaces[s.surface as usize], Surface::Conductor { .. });
-    let has_rims =
-        |s: &&Instance| matches!(s.shape, Shape::Cylinder(_)) || matches!(s.shape, Shape::Disk(_)) && is_metal(s);
-    if let Some(s) = scene.shapes.iter().filter(smooth).find(has_rims) {
+    if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| matches!(s.shape, Shape::Cylinder(_))) {
         let what = format!(
-            "`{}` mirrors or refracts and has a round rim: what moves beside it cannot be differentiated yet, nor its index",
+            "`{}` mirrors or refracts and is a cylinder: what moves beside it cannot be differentiated yet, nor its index",
             s.name
         );
-        return Err(Error::scene(
-            &s.span,
-            what,
-            "interfaces may be spheres, rectangles, cubes and meshes here, and disks of glass",
-        ));
+        return Err(Error::scene(&s.span, what, "interfaces may be spheres, rectangles, disks, cubes and meshes here"));
     }
     if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| s.shape.face_count() > FACETS) {
         let what = format!(
@@ -75,11 +69,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
             "`{name}` mirrors or refracts: how the outline of `{}` moves, seen by way of it, cannot be told yet",
             s.name
         );
-        return Err(Error::scene(
-            &s.span,
-            what,
-            "only opaque balls and what has straight edges may stand beside interfaces: spheres, rectangles, cubes, meshes",
-        ));
+        return Err(Error::scene(&s.span, what, "make it two-sided, or of flat faces"));
     }
     touching(scene)?;
     contacts(scene, motion)?;
@@ -122,7 +112,7 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
         Some(s) => (
             s,
             format!(
-                "`{}` may cast a shadow of the light `{light}` by way of `{name}`, which mirrors or refracts: how the shadow of what is round, or has very many faces, moves there cannot be told yet",
+                "`{}` may cast a shadow of the light `{light}` by way of `{name}`, which mirrors or refracts: how the shadow of what has vertex normals, or very many faces, moves there cannot be told yet",
                 s.name
             ),
             format!("take it out, make it of flat faces, {extent}"),
@@ -140,7 +130,7 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
                 "`{name}` mirrors or refracts, and something moves: the shadows of the light `{light}` at it cannot be differentiated yet"
             ),
             format!(
-                "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes and convex meshes, of metal rectangles too, and of all else rectangles, cubes and meshes of at most 4096 flat faces; {extent}"
+                "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes and convex meshes, of metal rectangles too, and of all else anything but meshes with vertex normals or more than 4096 faces; {extent}"
             ),
         ),
     };
@@ -157,8 +147,7 @@ fn is_outlined(scene: &Scene, s: &Instance) -> bool {
 fn has_known_outline(scene: &Scene, s: &Instance) -> bool {
     match s.shape {
         Shape::Rectangle(_) | Shape::Cube(_) | Shape::Mesh(_) => true,
-        Shape::Sphere(_) => !scene.surfaces[s.surface as usize].is_smooth(),
-        _ => false,
+        Shape::Sphere(_) | Shape::Cylinder(_) | Shape::Disk(_) => !scene.surfaces[s.surface as usize].is_smooth(),
     }
 }
 
@@ -251,7 +240,19 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
             Some((own[0].0, near.shape))
         })
     };
-    let Some((a, b)) = (0..edges.len()).into_par_iter().find_map_first(touched) else { return Ok(()) };
+    let of_rim = |rim: &Rim| {
+        let own: Vec<u32> = rim.shapes().collect();
+        let half_space = matches!(scene.surface_of(own[0]), Surface::Dielectric { .. });
+        let meets = |s: u32, _: u32| (smooth(s) || half_space) && !own.contains(&s);
+        PLACES.iter().find_map(|&u| {
+            let near = scene.nearest_point(Kind::Opaque, rim.edge(u).a, ends::contact(scene), &meets)?;
+            Some((own[0], near.shape))
+        })
+    };
+    let of_rims = || rims(scene, |i| motion.class(i)).iter().find_map(of_rim);
+    let Some((a, b)) = (0..edges.len()).into_par_iter().find_map_first(touched).or_else(of_rims) else {
+        return Ok(());
+    };
     let name = |k: u32| &scene.shapes[k as usize].name;
     let span = &scene.shapes[a as usize].span;
     let what = format!(
@@ -300,7 +301,10 @@ fn rims_of_balls(scene: &Scene, motion: &Motion) -> Result<()> {
 fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
     let beam = scene.lights.iter().find(|l| matches!(l.kind, LightKind::Beam { .. }));
     let Some(beam) = beam.filter(|_| motion.surfaces()) else { return Ok(()) };
-    let curved = |s: &Instance| scene.surfaces[s.surface as usize].is_smooth() && !is_flat(&s.shape);
+    let curved = |s: &Instance| {
+        let smooth = scene.surfaces[s.surface as usize].is_smooth();
+        smooth && !is_flat(&s.shape) || scene.is_round_mirror(s)
+    };
     if let Some(s) = scene.shapes.iter().find(|s| is_outlined(scene, s) || curved(s)) {
         let what = format!(
             "`{}` may stand in the beam `{}`: how its shadow there moves cannot be told yet",

@@ -9,6 +9,7 @@ pub mod aim;
 pub mod arcs;
 pub mod beam_rim;
 pub mod cast;
+mod cast_border;
 mod cast_sheet;
 mod cast_trace;
 pub mod contact;

@@ -174,7 +174,7 @@ impl Outlines {
                 _ => {}
             }
         }
-        let rims: Vec<Rim> = rims(scene, motion).into_iter().filter(|r| r.shapes().any(&keep)).collect();
+        let rims: Vec<Rim> = rims(scene, |i| motion.class(i)).into_iter().filter(|r| r.shapes().any(&keep)).collect();
         for (k, r) in rims.iter().enumerate() {
             let faces = Faces { lit: Vec::new(), own: r.shapes().map(|id| (id, 0)).collect() };
             list.push(Outline { curve: Curve::Rim(k as u32), grazed: r.grazed.clone(), faces });

@@ -30,7 +30,8 @@ const EXTINCT: f64 = 60.0;
 /// Whether all that lights without extent send by way of smooth surfaces comes by flat faces that are parallel, and nothing moves but lights, the camera and these faces.
 pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
     let moves = |k: u32| motion.moves(k) && !scene.surface_of(k).is_smooth();
-    scene.has_parallel_panes() && !(0..scene.shapes.len() as u32).any(moves)
+    let parallel = scene.has_parallel_panes() && !scene.shapes.iter().any(|s| scene.is_round_mirror(s));
+    parallel && !(0..scene.shapes.len() as u32).any(moves)
 }
 
 /// Whether nothing casts a shadow of them.

@@ -1,7 +1,6 @@
 //! Rims of disks and cylinders: edges that are circles (a disk's: any ellipse). Rims that coincide are one, whichever shapes they belong to (a can of a cylinder and two
 //! disks), as long as they move alike.
 
-use super::Motion;
 use crate::math::DVec3;
 use crate::scene::Scene;
 use crate::shape::Shape;
@@ -87,8 +86,8 @@ impl Rim {
     }
 }
 
-/// Of everything opaque.
-pub fn rims(scene: &Scene, motion: &Motion) -> Vec<Rim> {
+/// Of everything that does more than part media; `class`: shapes that move alike have the same.
+pub fn rims(scene: &Scene, class: impl Fn(u32) -> u32) -> Vec<Rim> {
     let mut list: Vec<(Rim, u32)> = Vec::new();
     let size = scene.bounds.radius();
     for (i, s) in scene.shapes.iter().enumerate() {
@@ -99,7 +98,7 @@ pub fn rims(scene: &Scene, motion: &Motion) -> Vec<Rim> {
         let mut add = |c, (x, y), inward, name| {
             let side = RimSide { shape: id, inward };
             let rim = Rim { c, x, y, sides: vec![side], grazed: vec![(id, vec![name])] };
-            let class = motion.class(id);
+            let class = class(id);
             match list.iter_mut().find(|(r, k)| *k == class && r.is_same(&rim, size)) {
                 Some((shared, _)) => {
                     shared.sides.push(side);

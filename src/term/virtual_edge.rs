@@ -2,7 +2,7 @@
 //!
 //! A ray that a smooth interface will turn holds its direction at the eye or vertex that it leaves (its film point, at the camera), and all that follows slides on it. Whatever the light jumps at
 //! behind the interface moves over those directions: an edge at B, whose rays move there with u, gives `∫ f W sin α / |J| <n, u - ẋ_B> (L⁺ - L⁻) dl` (n toward L⁺, α between edge
-//! and ray, W the share of light that the chain lets through, J the area across the ray at B over the solid angle at the eye: [`crate::transport::shot`]). The outline of a ball is such an edge, too.
+//! and ray, W the share of light that the chain lets through, J the area across the ray at B over the solid angle at the eye: [`crate::transport::shot`]). Rims, and the outlines of balls and walls (cylinders), are such edges, too.
 //! Three kinds of lines remain for this room:
 //!
 //! * from the camera by way of interfaces (outward, onto the film),
@@ -19,6 +19,7 @@ use super::ends::{self, Point};
 use super::facing::{Facing, Outline};
 use super::grazing_line::{Curve, seen_on};
 use super::known_chains::KnownChains;
+use super::rims::{Rim, rims};
 use super::seen_path::{Path, Vertex};
 use super::sheet::Partials;
 use super::shown::Spot;
@@ -29,13 +30,14 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::scene::{Hit, Instance, Scene};
 use crate::sensor::Sensor;
-use crate::shape::Shape;
+use crate::shape::{Cylinder, Shape, Sphere};
 use crate::surface::Surface;
 use crate::transport::first::FilmLine;
 use crate::transport::ray::MovingRay;
 use crate::transport::shot::{self, Eye, Shot, Target};
 use crate::transport::walk::Stage;
 use std::borrow::Cow;
+use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 pub const NAME: &str = "virtual_edge";
@@ -44,13 +46,13 @@ pub struct VirtualEdge {
     edges: Arc<EdgeSet>,
     /// Chains that the camera sees by.
     known: KnownChains,
-    /// Balls, listed behind the edges.
-    balls: Vec<u32>,
-    /// Over edges by length, and opaque balls, for shots by way of interfaces.
+    /// What is round, listed behind the edges.
+    round: Vec<Round>,
+    /// Over edges by length, and what is round and opaque, for shots by way of interfaces.
     by_length: Discrete,
     /// Of these, what the camera's shots can see a motion past.
     from_camera: Discrete,
-    /// Over edges and balls: all, and those that are smooth, for straight lines.
+    /// Over edges and what is round: all, and those that are smooth, for straight lines.
     all: Discrete,
     smooth: Discrete,
     interfaces: Interfaces,
@@ -58,6 +60,30 @@ pub struct VirtualEdge {
 
 fn is_smooth(scene: &Scene, shape: u32) -> bool {
     scene.surface_of(shape).is_smooth()
+}
+
+/// Balls, walls of what is opaque, and rims of that and of mirrors.
+enum Round {
+    Ball(u32, Sphere),
+    Wall(u32, Cylinder),
+    Rim(Rim),
+}
+
+impl Round {
+    fn any(&self, of: impl Fn(u32) -> bool) -> bool {
+        match self {
+            Round::Ball(shape, _) | Round::Wall(shape, _) => of(*shape),
+            Round::Rim(rim) => rim.shapes().any(of),
+        }
+    }
+
+    fn length(&self) -> f64 {
+        match self {
+            Round::Ball(_, s) => TAU * s.radius,
+            Round::Wall(_, q) => 2.0 * q.length,
+            Round::Rim(rim) => PI * (rim.x.length() + rim.y.length()),
+        }
+    }
 }
 
 /// Whether anything straight before the rim of a ball scatters light: not what only balls hold.
@@ -98,10 +124,10 @@ impl VirtualEdge {
             if border || !length.is_finite() { 0.0 } else { length }
         };
         let lengths: Vec<f64> = (0..edges.len()).map(length).collect();
-        let ball = |s: &Instance| matches!(s.shape, Shape::Sphere(_));
         let smooth = |i: u32| is_smooth(scene, i);
-        let is_smooth_ball = |s: &Instance| ball(s) && scene.surfaces[s.surface as usize].is_smooth();
-        let rims = sees_rims(scene, is_smooth_ball);
+        let is_smooth_ball =
+            |s: &Instance| matches!(s.shape, Shape::Sphere(_)) && scene.surfaces[s.surface as usize].is_smooth();
+        let seen = sees_rims(scene, is_smooth_ball);
         let camera = From::camera(sensor, margin);
         // Within a ball that lets no light out no way grazes it.
         let holds_all = |s: &Instance| match (&s.shape, &camera.eye) {
@@ -110,30 +136,34 @@ impl VirtualEdge {
             }
             _ => false,
         };
-        let counts = |&i: &u32| {
-            let s = &scene.shapes[i as usize];
-            ball(s) && if smooth(i) { rims } else { !scene.is_null(s) && !holds_all(s) }
+        let of_shape = |(i, s): (u32, &Instance)| {
+            let opaque = !smooth(i) && !scene.is_null(s);
+            match s.shape {
+                Shape::Sphere(q) if if smooth(i) { seen } else { opaque && !holds_all(s) } => Some(Round::Ball(i, q)),
+                Shape::Cylinder(q) if opaque => Some(Round::Wall(i, q)),
+                _ => None,
+            }
         };
-        let balls: Vec<u32> = (0..scene.shapes.len() as u32).filter(counts).collect();
-        let round = |i: u32| match &scene.shapes[i as usize].shape {
-            Shape::Sphere(s) => std::f64::consts::TAU * s.radius,
-            _ => 0.0,
-        };
-        let with_balls = |edge: &dyn Fn(usize) -> bool, ball: &dyn Fn(u32) -> bool| {
+        let has_rim = |i: u32| !smooth(i) || scene.is_round_mirror(&scene.shapes[i as usize]);
+        let of_rims = rims(scene, |i| motion.class(i)).into_iter().filter(|r| r.shapes().all(has_rim)).map(Round::Rim);
+        let round: Vec<Round> = (0..).zip(&scene.shapes).filter_map(of_shape).chain(of_rims).collect();
+        let with_round = |edge: &dyn Fn(usize) -> bool, other: &dyn Fn(&Round) -> bool| {
             let edges = lengths.iter().enumerate().map(|(i, &l)| if edge(i) { l } else { 0.0 });
-            Discrete::new(edges.chain(balls.iter().map(|&i| if ball(i) { round(i) } else { 0.0 })))
+            Discrete::new(edges.chain(round.iter().map(|r| if other(r) { r.length() } else { 0.0 })))
         };
         let moving = &motion.moving;
         let turns = |&i: &u32| moving.moves(i) || moving.refracts(scene.shapes[i as usize].surface as usize);
         // Rays of a camera that stands still, by interfaces that do.
         let still = moving.film_ray().is_still() && !interfaces.list.iter().any(turns);
         let slides = |i: usize| !still || edges.any(i, |s| moving.moves(s));
-        let from_camera = with_balls(&slides, &|i| !smooth(i) && (!still || moving.moves(i)));
+        // Light is the same on both sides of a smooth ball's rim.
+        let parts = |r: &Round| !matches!(r, Round::Ball(i, _) if smooth(*i));
+        let from_camera = with_round(&slides, &|r| parts(r) && (!still || r.any(|i| moving.moves(i))));
         let mut known = KnownChains::default();
         if from_camera.total > 0.0 {
             known = camera.known_chains(scene);
-            // Chains show edges; past balls others lead.
-            if balls.iter().all(|&i| smooth(i)) {
+            // Chains show edges; past what is round others lead.
+            if !round.iter().any(parts) {
                 let seen = (0..edges.len()).filter(|&i| lengths[i] > 0.0 && slides(i));
                 let ends = seen.map(|i| (i, edges.ends(scene, i))).map(|(i, e)| (i, [e.a, e.b]));
                 known.look_at(scene, &camera.eye, &ends.collect::<Vec<_>>());
@@ -141,19 +171,18 @@ impl VirtualEdge {
         }
         let room = VirtualEdge {
             from_camera,
-            // Light is the same on both sides of a smooth ball's rim.
-            by_length: with_balls(&|_| true, &|i| !smooth(i)),
-            all: with_balls(&|_| true, &|_| true),
-            smooth: with_balls(&|i| edges.any(i, smooth), &smooth),
+            by_length: with_round(&|_| true, &parts),
+            all: with_round(&|_| true, &|_| true),
+            smooth: with_round(&|i| edges.any(i, smooth), &|r| r.any(smooth)),
             known,
             edges,
-            balls,
+            round,
             interfaces,
         };
         (room.all.total > 0.0).then_some(room)
     }
 
-    /// Straight past an edge or ball that the vertex sees.
+    /// Straight past an edge, or what is round, that the vertex sees.
     fn look_straight(
         &self,
         cx: &mut Context,
@@ -169,49 +198,74 @@ impl VirtualEdge {
             return;
         }
         let ((k, probability, _), u) = (table.sample(rng.uniform()), rng.uniform());
-        if k >= self.edges.len() {
-            let ball = self.balls[k - self.edges.len()];
-            return self.look_at_ball(cx, path, v, ball, probability, film, rng, emit);
-        }
-        let e = self.edges.get(scene, k);
-        let Some((b, per_length)) = seen_on(e.edge.a, e.edge.b, v.p(), u) else { return };
-        let w = (b - v.p()).normalize();
-        let Some((facing, sin)) = Facing::of_edge(scene, &e, w) else { return };
+        let toward = |b: DVec3| (b - v.p()).normalize();
+        let (b, per_length, faces, faced) = match k.checked_sub(self.edges.len()).map(|k| &self.round[k]) {
+            None => {
+                let e = self.edges.get(scene, k);
+                let Some((b, per_length)) = seen_on(e.edge.a, e.edge.b, v.p(), u) else { return };
+                let faced = Facing::of_edge(scene, &e, toward(b));
+                (b, per_length, e.faces, faced)
+            }
+            Some(Round::Rim(rim)) => {
+                let (turn, density) = rim.turn_seen_from(v.p(), u);
+                let edge = rim.edge(turn);
+                let faced = Facing::of_rim(scene, rim, &edge, toward(edge.a));
+                (edge.a, density / (edge.b - edge.a).length(), rim.grazed.clone(), faced)
+            }
+            Some(Round::Ball(shape, s)) => {
+                let curve = Curve::Sphere { c: s.center, r: s.radius };
+                return self.look_at_round(cx, path, v, (*shape, &curve), probability, film, u, rng, emit);
+            }
+            Some(Round::Wall(shape, q)) => {
+                return self.look_at_round(
+                    cx,
+                    path,
+                    v,
+                    (*shape, &Curve::Cylinder(*q)),
+                    probability,
+                    film,
+                    u,
+                    rng,
+                    emit,
+                );
+            }
+        };
+        let Some((facing, sin)) = faced else { return };
+        let w = toward(b);
         let scatter = v.scatter(scene, w);
         if scatter.is_zero() {
             return;
         }
         let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), b, None) else { return };
         let weight = v.weight * scatter * shot.weight * (sin / (shot.spread * per_length * probability));
-        let Some(jump) = self.jump(cx, &shot, &facing, &e.faces, v.depth + 1, true, rng) else { return };
-        self.hand_out(cx, path, v, &shot, facing.n, &e.faces, weight, &jump, film, emit);
+        let Some(jump) = self.jump(cx, &shot, &facing, &faces, v.depth + 1, true, rng) else { return };
+        self.hand_out(cx, path, v, &shot, facing.n, &faces, weight, &jump, film, emit);
     }
 
-    /// Past the rim of a ball. What one of glass, or a mirror, mirrors there comes from the same place, after one more scattering.
-    fn look_at_ball(
+    /// Past the outline of a ball or wall. What a ball of glass, or a mirror, mirrors there comes from the same place, after one more scattering.
+    fn look_at_round(
         &self,
         cx: &mut Context,
         path: &Path,
         v: &Vertex,
-        ball: u32,
+        (shape, curve): (u32, &Curve),
         probability: f64,
         film: [f64; 2],
+        u: f64,
         rng: &mut Rng,
         emit: &mut dyn FnMut(&Sample),
     ) {
         let scene = cx.scene;
-        let Shape::Sphere(s) = &scene.shapes[ball as usize].shape else { return };
-        let curve = Curve::Sphere { c: s.center, r: s.radius };
-        let Some(line) = curve.from_vertex(v.p(), rng.uniform()) else { return };
+        let Some(line) = curve.from_vertex(v.p(), u) else { return };
         let scatter = v.scatter(scene, line.w);
         if scatter.is_zero() {
             return;
         }
-        let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), line.b, Some(ball)) else { return };
-        let grazed = [(ball, Vec::new())];
+        let Some(shot) = shot::straight(scene, v.p(), &v.place(scene), line.b, Some(shape)) else { return };
+        let grazed = [(shape, Vec::new())];
         let weight = v.weight * scatter * shot.weight * (line.measure / (line.own * probability));
-        if !is_smooth(scene, ball) {
-            let facing = Facing::of_ball(ball, line.n);
+        if !is_smooth(scene, shape) {
+            let facing = Facing::of_round(shape, line.n);
             let Some(jump) = self.jump(cx, &shot, &facing, &grazed, v.depth + 1, true, rng) else { return };
             return self.hand_out(cx, path, v, &shot, line.n, &grazed, weight, &jump, film, emit);
         }
@@ -301,9 +355,10 @@ impl VirtualEdge {
         let scene = cx.scene;
         let outline = match spot.edge.checked_sub(self.edges.len()) {
             None => Outline::Edge(self.edges.get(scene, spot.edge)),
-            Some(k) => match &scene.shapes[self.balls[k] as usize].shape {
-                Shape::Sphere(s) => Outline::Ball(self.balls[k], s),
-                _ => return None,
+            Some(k) => match &self.round[k] {
+                Round::Ball(shape, s) => Outline::Ball(*shape, s),
+                Round::Wall(shape, q) => Outline::Wall(*shape, q),
+                Round::Rim(rim) => Outline::Rim(rim, rim.edge(spot.t)),
             },
         };
         let target = outline.target(spot.t, rng);
@@ -422,10 +477,14 @@ impl Room for VirtualEdge {
         let chain = (lead[1] < share).then(|| self.known.choose(lead[1] / share));
         let guided = chain.and_then(|(k, _)| self.known.spot(k, lead[0]));
         let spot = guided.unwrap_or_else(|| Spot::of(&self.from_camera, lead[0]));
-        debug_assert!(guided.is_none() || self.balls.iter().all(|&i| is_smooth(scene, i)));
+        debug_assert!(
+            guided.is_none() || self.round.iter().all(|r| matches!(r, Round::Ball(i, _) if is_smooth(scene, *i)))
+        );
         let aim = |cx: &mut Context, rng: &mut Rng, target: &Target| match target {
-            // Known chains have one ray to a point, but several past a ball: those come from the one table that all share.
-            Target::Ball { .. } => from.draw(scene, target, rng, |_| false).map(|d| Aimed::Drawn(d, 1.0)),
+            // Known chains have one ray to a point, but several past a ball or wall: those come from the one table that all share.
+            Target::Ball { .. } | Target::Wall { .. } => {
+                from.draw(scene, target, rng, |_| false).map(|d| Aimed::Drawn(d, 1.0))
+            }
             Target::Point(e) => from.to_point(cx, &self.known, (*e, chain), rng),
         };
         let found = self.through(cx, &from, start, spot, 0, rng, aim, begins);

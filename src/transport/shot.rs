@@ -19,7 +19,7 @@ use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Dual, Real, Rgb, V3, warp};
 use crate::scene::chains::has_flat_faces;
 use crate::scene::{Hit, On, Scene, effort};
-use crate::shape::{Geometry, Shape, Sphere, TriangleMesh, barycentric};
+use crate::shape::{Cylinder, Geometry, Shape, Sphere, TriangleMesh, barycentric};
 use crate::surface::{Ray, Surface};
 use smallvec::SmallVec;
 use std::f64::consts::PI;
@@ -111,6 +111,13 @@ pub enum Target {
         r: f64,
         normal: DVec3,
     },
+    /// The point where a ray grazes the wall of a cylinder, as high as the point c of its axis.
+    Wall {
+        wall: u32,
+        c: DVec3,
+        axis: DVec3,
+        r: f64,
+    },
 }
 
 impl Target {
@@ -119,11 +126,24 @@ impl Target {
         Target::Ball { ball, c: s.center, r: s.radius, normal: warp::sphere(u, v) }
     }
 
-    /// The point itself, or the ball's centre.
+    /// Of a cylinder, by the share t of its height.
+    pub fn wall(wall: u32, q: &Cylinder, t: f64) -> Target {
+        Target::Wall { wall, c: q.base + q.axis * (q.length * t), axis: q.axis, r: q.radius }
+    }
+
+    /// The point itself, the ball's centre, or the point of the axis.
     fn middle(&self) -> DVec3 {
         match self {
             Target::Point(e) => *e,
-            Target::Ball { c, .. } => *c,
+            Target::Ball { c, .. } | Target::Wall { c, .. } => *c,
+        }
+    }
+
+    /// The shape that its ray grazes.
+    fn grazed(&self) -> Option<u32> {
+        match self {
+            Target::Point(_) => None,
+            Target::Ball { ball: shape, .. } | Target::Wall { wall: shape, .. } => Some(*shape),
         }
     }
 }
@@ -393,7 +413,15 @@ fn miss(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], t
     }
     let (o, d) = ray;
     let off = V3::constant(target.middle()) - o;
-    let along = off.dot(d);
+    // Nearest to the point, or to the axis.
+    let along = match target {
+        Target::Wall { axis, .. } => {
+            let flat = |v: V3<D2>| v - V3::constant(*axis) * v.dot(V3::constant(*axis));
+            let d = flat(d);
+            flat(off).dot(d) / d.dot(d)
+        }
+        _ => off.dot(d),
+    };
     let across = d * along - off;
     let (x, y) = match target {
         Target::Point(_) => {
@@ -407,6 +435,15 @@ fn miss(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], t
             }
             (far.sqrt() - Dual::constant(*r), across.dot(V3::constant(*normal)))
         }
+        Target::Wall { axis, r, .. } => {
+            let height = across.dot(V3::constant(*axis));
+            let far = across - V3::constant(*axis) * height;
+            let far = far.dot(far);
+            if far.v.is_nan() || far.v <= 0.0 {
+                return None;
+            }
+            (far.sqrt() - Dual::constant(*r), height)
+        }
     };
     let by = [DVec2::new(x.d[0], y.d[0]), DVec2::new(x.d[1], y.d[1])];
     let off = DVec2::new(x.v, y.v);
@@ -419,6 +456,10 @@ impl Miss {
         match target {
             Target::Point(e) => *e,
             Target::Ball { c, r, .. } => *c + (self.foot.value() - *c).normalize() * *r,
+            Target::Wall { c, axis, r, .. } => {
+                let off = self.foot.value() - *c;
+                *c + (off - *axis * off.dot(*axis)).normalize() * *r
+            }
         }
     }
 
@@ -426,7 +467,8 @@ impl Miss {
     fn spread(&self, target: &Target) -> f64 {
         let [a, b] = self.by;
         match target {
-            Target::Point(_) => a.perp_dot(b).abs(),
+            // Of a wall: how steeply distances from the axis change across the outline, and heights along it.
+            Target::Point(_) | Target::Wall { .. } => a.perp_dot(b).abs(),
             Target::Ball { r, .. } => {
                 // Across the outline rays come nearer by `steep`; along it the point moves on the ball.
                 let steep = DVec2::new(a.x, b.x);
@@ -481,7 +523,7 @@ fn solve(
     None
 }
 
-/// The eye's ray to a target through this chain, if the scene lets it through. `past`: the ball that it grazes, which by rounding it may meet a little before.
+/// The eye's ray to a target through this chain, if the scene lets it through. `past`: the ball or wall that it grazes, which by rounding it may meet a little before.
 fn fire(
     scene: &Scene,
     eye: &Eye,
@@ -525,7 +567,7 @@ fn fire(
     })
 }
 
-/// The straight shot to e, which may be where it grazes the ball `past`.
+/// The straight shot to e, which may be where it grazes the ball or wall `past`.
 pub fn straight(scene: &Scene, p: DVec3, place: &Place, e: DVec3, past: Option<u32>) -> Option<Shot> {
     let start = Start { o: p, w: (e - p).normalize() };
     fire(scene, &Eye::Point(p), start, place, &[], &Target::Point(e), past)
@@ -534,11 +576,7 @@ pub fn straight(scene: &Scene, p: DVec3, place: &Place, e: DVec3, past: Option<u
 /// The shot to a target by these faces, from a ray near it.
 pub fn by(scene: &Scene, eye: &Eye, near: Start, place: &Place, chain: &[Step], target: &Target) -> Option<Shot> {
     let (found, _) = solve(scene, eye, near, place, chain, target)?;
-    let past = match target {
-        Target::Ball { ball, .. } => Some(*ball),
-        Target::Point(_) => None,
-    };
-    fire(scene, eye, found, place, chain, target, past)
+    fire(scene, eye, found, place, chain, target, target.grazed())
 }
 
 /// A face on the way of a light's ray.

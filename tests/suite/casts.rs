@@ -113,6 +113,24 @@ fn bodies_that_meet_are_refused() {
     assert_eq!(two(-0.01), "");
 }
 
+/// Balls in fog in a block, and above it; a tube and a plate.
+#[test]
+fn light_past_round_things_against_differences() {
+    let ball = |at: &str, radius: &str| {
+        format!(
+            r#"<shape type="sphere"><point name="center" value="{at}"/><float name="radius" value="{radius}"/><bsdf type="diffuse"/></shape>"#
+        )
+    };
+    let balls = format!("{}{}", ball("$ball, -0.2, 0.15", "$r"), ball("0.5, 0, 1.2", "0.2"));
+    let own = r#"<default name="ball" value="0.2"/><default name="r" value="0.2"/>"#;
+    let wrt = [("n", 0.02), ("x", 0.1), ("ball", 0.05), ("r", 0.04)];
+    compare(&scene_of(4, &format!("{own}{}{balls}", block(FOGGY)), LAMP), &wrt, 1 << 14);
+    compare(&scene_of(4, &format!("{own}{}{balls}", block(FOGGY)), SUN), &wrt[..2], 1 << 14);
+    let round = r#"<shape type="cylinder"><point name="p0" value="$ball, -0.4, 0.1"/><point name="p1" value="$ball, 0, 0.3"/><float name="radius" value="$r"/><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
+      <shape type="disk"><transform name="to_world"><scale value="0.25"/><rotate x="1" angle="15"/><translate x="0.5" z="1.2"/></transform><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
+    compare(&scene_of(4, &format!("{own}{}{round}", block(FOGGY)), LAMP), &wrt[..3], 1 << 14);
+}
+
 #[test]
 fn light_of_a_mirror_against_differences() {
     let mirror = r#"<shape type="rectangle" id="mirror"><transform name="to_world"><scale value="0.5"/><rotate y="1" angle="20"/><rotate y="1" angle="$tilt"/><translate z="$h"/></transform><bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape>"#;

@@ -31,7 +31,7 @@ const NO: Facts = Facts {
     border_jump: false,
     dielectric: false,
     only_panes: false,
-    only_straight: false,
+    known_borders: false,
     polygonal_dielectric: false,
     rims: false,
     rimmed: false,
@@ -220,7 +220,7 @@ fn missing_terms_name_their_cause() {
     assert!(used(&plan(&block, "x"), "use").split(' ').any(|t| t == "G"));
     let floor = r#"<shape type="rectangle"/>"#;
     assert!(used(&plan(&format!("{block}{floor}"), "x"), "use").split(' ').any(|t| t == "R"));
-    let round = floor.replace(r#""rectangle""#, r#""disk" id="plate""#);
+    let round = r#"<shape type="cylinder" id="plate"><bsdf type="dielectric"/></shape>"#;
     let error = plan(&format!("{block}{round}"), "x").refuse().unwrap_err().to_string();
     assert!(error.contains("`plate`"), "{error}");
     // Where flat faces are not enough it is the light.

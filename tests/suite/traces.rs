@@ -7,8 +7,17 @@ const SPOT: &str = r#"<emitter type="spot"><transform name="to_world"><lookat or
   <rgb name="intensity" value="10, 9, 8"/><float name="cutoff_angle" value="40"/><float name="beam_width" value="5"/></emitter>"#;
 const SUN: &str = r#"<emitter type="directional"><vector name="direction" value="$x, 0.25, -1"/><rgb name="irradiance" value="3, 2.5, 2"/></emitter>"#;
 const FLOOR: &str = r#"<shape type="rectangle" id="floor"><transform name="to_world"><scale value="2"/><rotate y="1" angle="$slope"/><translate z="$floor"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.6, 0.5, 0.4"/></bsdf></shape>"#;
-const NAMES: [(&str, f64); 8] =
-    [("n", 1.5), ("h", 0.0), ("tilt", 4.0), ("x", 0.45), ("cam", 0.3), ("floor", -1.0), ("slope", 3.0), ("bar", -0.3)];
+const NAMES: [(&str, f64); 9] = [
+    ("n", 1.5),
+    ("h", 0.0),
+    ("tilt", 4.0),
+    ("x", 0.45),
+    ("cam", 0.3),
+    ("floor", -1.0),
+    ("slope", 3.0),
+    ("bar", -0.3),
+    ("r", 0.25),
+];
 
 /// The floor beside the block, and through it.
 const ALL: [&str; 2] = [r#"origin="1.2, -5, 2.4" target="0.1, -0.1, -0.6" up="0, 0, 1""#, "22"];
@@ -64,6 +73,30 @@ fn bar_over_a_block_against_differences() {
     compare(&text, &[("n", 0.01), ("x", 0.1), ("bar", 0.05), ("floor", 0.05)], &["x", "bar"], 1 << 15);
 }
 
+/// A ball's shadow beside the block and through it, and that of a ball in the block, on the floor and on the balls.
+#[test]
+fn balls_above_and_in_a_block_against_differences() {
+    let ball = |at: &str, radius: &str| {
+        format!(
+            r#"<shape type="sphere"><point name="center" value="{at}"/><float name="radius" value="{radius}"/><bsdf type="diffuse"/></shape>"#
+        )
+    };
+    let bodies = format!("{}{FLOOR}{}{}", block(""), ball("$bar, 0.1, 1", "$r"), ball("0.15, -0.05, 0", "0.2"));
+    let place = [("n", 0.01), ("x", 0.1), ("h", 0.02), ("bar", 0.05), ("r", 0.02), ("floor", 0.05)];
+    compare(&scene_of(ALL, 6, &bodies, LAMP), &place, &["n", "x", "bar", "r"], 1 << 14);
+    compare(&scene_of(ALL, 6, &bodies, SUN), &[("n", 0.01), ("x", 0.1), ("r", 0.02)], &["n", "x", "r"], 1 << 14);
+}
+
+/// The same of a tube above, and a plate in the block.
+#[test]
+fn round_things_above_and_in_a_block_against_differences() {
+    let tube = r#"<shape type="cylinder"><point name="p0" value="$bar, 0, 0.7"/><point name="p1" value="$bar, 0.3, 1.2"/><float name="radius" value="$r"/><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
+    let plate = r#"<shape type="disk"><transform name="to_world"><scale value="0.2"/><rotate x="1" angle="20"/><translate x="0.15" y="-0.05"/></transform><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
+    let bodies = format!("{}{FLOOR}{tube}{plate}", block(""));
+    let place = [("n", 0.01), ("x", 0.1), ("bar", 0.05), ("r", 0.02)];
+    compare(&scene_of(ALL, 6, &bodies, LAMP), &place, &["n", "x", "bar", "r"], 1 << 14);
+}
+
 #[test]
 fn fog_around_a_block_over_a_floor_against_differences() {
     let haze = r#"<shape type="cube"><transform name="to_world"><scale value="1.5"/><translate z="0.49"/></transform><bsdf type="null"/><ref name="interior" id="haze"/></shape>"#;
@@ -97,4 +130,8 @@ fn mirror_over_a_floor_against_differences() {
     compare(&text, &[("x", 0.05), ("h", 0.02), ("tilt", 0.5), ("cam", 0.03)], &jumps, 1 << 14);
     // The floor alone.
     compare(&text, &[("floor", 0.05)], &["floor"], 1 << 14);
+    // A ball between both, in light that comes and in light that is mirrored.
+    let ball = r#"<shape type="sphere"><point name="center" value="-0.35, -0.1, 0.1"/><float name="radius" value="$r"/></shape>"#;
+    let text = scene_of(ALL, 4, &format!("{mirror}{FLOOR}{ball}"), LAMP);
+    compare(&text, &[("h", 0.02), ("tilt", 0.5), ("r", 0.02)], &["h", "tilt", "r"], 1 << 14);
 }

@@ -222,6 +222,66 @@ fn a_ball_in_a_mirror() {
     }
 }
 
+/// A tube that one looks into, a plate, and a can, in place of a ball.
+#[test]
+fn round_things_in_a_mirror() {
+    let can = |radius: &str| {
+        format!(
+            r#"<shape type="cylinder"><point name="p0" value="$x, -0.2, 2"/><point name="p1" value="$x, 0.3, 2.4"/><float name="radius" value="{radius}"/><bsdf type="twosided">{CLAY}</bsdf></shape>"#
+        )
+    };
+    let disk = |more: &str| {
+        format!(
+            r#"<shape type="disk"><transform name="to_world"><scale value="0.3"/>{more}</transform><bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.2,0.4,0.7"/></bsdf></bsdf></shape>"#
+        )
+    };
+    let tilted = disk(r#"<scale x="1.3"/><rotate y="1" angle="35"/><translate x="$x" y="0.1" z="2.2"/>"#);
+    let lid = disk(r#"<lookat origin="$x, 0.3, 2.4" target="$x, 0.8, 2.8" up="1, 0, 0"/>"#);
+    for shapes in [can("0.35"), tilted, format!("{}{lid}", can("0.3"))] {
+        let text = ball_in_a_mirror("");
+        let from = text.find(r#"<shape type="sphere">"#).unwrap();
+        let to = from + text[from..].find("</shape>").unwrap() + "</shape>".len();
+        let text = format!("{}{shapes}{}", &text[..from], &text[to..]);
+        against_differences(&text, &[("x", 0.03), ("angle", 0.5)], &["all"], 1 << 13, 0.02);
+        needs_the_room(&text, "angle", 0.5, 1 << 12);
+    }
+}
+
+/// A mirror that is a disk, itself seen in another one.
+#[test]
+fn round_mirrors() {
+    let first = MIRROR.find(r#"<shape type="rectangle">"#).unwrap();
+    let round = MIRROR[first..].replacen("rectangle", "disk", 1);
+    let text = format!("{}{round}", &MIRROR[..first]);
+    against_differences(&text, &[("x", 0.03), ("angle", 0.5)], &["all"], 1 << 13, 0.02);
+    needs_the_room(&text, "x", 0.03, 1 << 12);
+    let second = r#"<default name="y" value="-0.1"/><shape type="disk"><transform name="to_world"><scale value="0.4"/><rotate y="1" angle="200"/><translate x="0.9" y="$y" z="1.6"/></transform>
+      <bsdf type="twosided"><bsdf type="conductor"><float name="eta" value="0.5"/><float name="k" value="3"/></bsdf></bsdf></shape>"#;
+    let text = text.replace(r#"value="3"/></integrator>"#, r#"value="4"/></integrator>"#);
+    let text = text.replace(
+        "</scene>",
+        &format!(r#"{second}<emitter type="constant"><float name="radiance" value="0.4"/></emitter></scene>"#),
+    );
+    against_differences(&text, &[("y", 0.03), ("angle", 0.5)], &["all"], 1 << 13, 0.02);
+    needs_the_room(&text, "angle", 0.5, 1 << 12);
+}
+
+/// A can in fog, and a plate that glows.
+#[test]
+fn round_things_behind_a_pane() {
+    let text = BALLS
+        .replace(
+            r#"<shape type="sphere"><point name="center" value="$x, -0.2, -1.3"/><float name="radius" value="0.4"/>"#,
+            r#"<shape type="cylinder"><point name="p0" value="$x, -0.6, -1.5"/><point name="p1" value="$x, 0.2, -1.2"/><float name="radius" value="0.3"/>"#,
+        )
+        .replace(
+            r#"<shape type="sphere"><point name="center" value="-0.7, 0.5, -1.1"/><float name="radius" value="0.2"/>"#,
+            r#"<shape type="disk"><transform name="to_world"><scale value="0.25"/><rotate y="1" angle="20"/><translate x="-0.7" y="0.5" z="-1.1"/></transform>"#,
+        );
+    against_differences(&text, &[("ior", 0.02), ("x", 0.03), ("h", 0.03), ("cam", 0.03)], &["all"], 1 << 12, 0.02);
+    needs_the_room(&text, "ior", 0.02, 1 << 13);
+}
+
 #[test]
 fn a_ball_in_a_mirror_ball() {
     against_differences(BALL_IN_A_BALL, &[("x", 0.03), ("r", 0.03)], &["all"], 1 << 12, 0.02);

@@ -1,0 +1,309 @@
+//! What casts shadows of lights without extent by way of flat faces ([`super::cast`]): edges of what is smooth or opaque, and of what is opaque rims and the outlines of balls and walls (cylinders).
+//!
+//! An outline is where light touches the surface, `<w(z), N(z)> = 0` with w the light's direction at z: one place on each meridian of a ball, counted from where light meets it first, and two at each height of a wall. Its sheet has
+//! the surface's normal there, so that f = <x_k - e, N> tells it as it tells that of an edge (an edge's own plane is across the edge, an outline's across the light), and e moves with the surface's matter.
+
+use super::cast_sheet::Grazed;
+use super::ends;
+use super::rims::rims;
+use crate::math::root::root;
+use crate::math::{DVec3, warp};
+use crate::scene::chains::Face;
+use crate::scene::{Instance, Scene};
+use crate::shape::edges::{border, sides, with_corners};
+use crate::shape::{Cylinder, Geometry, Shape};
+use smallvec::SmallVec;
+use std::f64::consts::{PI, TAU};
+
+/// How far from opposite the directions into two faces of one plane may be.
+const FLAT: f64 = 1e-12;
+/// Pieces of half a turn between whose ends light is looked for that touches a surface.
+const HALF_TURN: usize = 6;
+/// Share of a border between two places that tell how it runs.
+pub const BESIDE: f64 = 1e-5;
+
+/// A line from which light goes on on one side.
+#[derive(Clone, Debug)]
+pub struct Border {
+    pub line: Line,
+    /// Shape and face, of a cylinder the rim: its matter goes with the first.
+    pub faces: SmallVec<[(u32, u32); 2]>,
+    /// Directions into its faces, of an edge.
+    pub into: SmallVec<[DVec3; 2]>,
+}
+
+/// Where a border is. Outlines have axes once it is known how light comes: toward where that meets them first, and across.
+#[derive(Clone, Copy, Debug)]
+pub enum Line {
+    Edge([DVec3; 2]),
+    /// The ellipse `c + x cos + y sin`.
+    Rim {
+        c: DVec3,
+        x: DVec3,
+        y: DVec3,
+    },
+    Ball {
+        c: DVec3,
+        r: f64,
+        axes: Option<[DVec3; 3]>,
+    },
+    /// From outside, on one side of the light.
+    Wall {
+        q: Cylinder,
+        left: bool,
+        axes: Option<[DVec3; 2]>,
+    },
+}
+
+/// A place of a border.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    pub z: DVec3,
+    /// The light's direction there.
+    pub comes: DVec3,
+    /// Unit, in the sheet and not along the light.
+    pub along: DVec3,
+}
+
+impl Border {
+    fn edge(ends: [DVec3; 2], face: (u32, u32), into: SmallVec<[DVec3; 2]>) -> Border {
+        Border { line: Line::Edge(ends), faces: SmallVec::from_iter([face]), into }
+    }
+
+    fn round(line: Line, faces: impl IntoIterator<Item = (u32, u32)>) -> Border {
+        Border { line, faces: faces.into_iter().collect(), into: SmallVec::new() }
+    }
+
+    /// The face whose matter it goes with.
+    pub fn own(&self) -> (u32, u32) {
+        self.faces[0]
+    }
+
+    /// What lines that graze it leave out.
+    pub fn grazed(&self) -> Grazed {
+        let mut grazed = Grazed::new();
+        for &(shape, face) in &self.faces {
+            // No line meets a wall that it touches.
+            let named = if let Line::Wall { .. } = self.line { vec![] } else { vec![face] };
+            match grazed.iter_mut().find(|g| g.0 == shape) {
+                Some(known) => known.1.extend(named),
+                None => grazed.push((shape, named)),
+            }
+        }
+        grazed
+    }
+
+    /// The ends of an edge.
+    pub fn ends(&self) -> Option<&[DVec3; 2]> {
+        match &self.line {
+            Line::Edge(ends) => Some(ends),
+            _ => None,
+        }
+    }
+
+    /// Whether it goes all around something.
+    pub fn is_closed(&self) -> bool {
+        matches!(self.line, Line::Rim { .. } | Line::Ball { .. })
+    }
+
+    /// About its length.
+    pub fn length(&self) -> f64 {
+        match self.line {
+            Line::Edge([a, b]) => (b - a).length(),
+            Line::Rim { x, y, .. } => PI * (x.length() + y.length()),
+            Line::Ball { r, .. } => TAU * r,
+            Line::Wall { q, .. } => q.length,
+        }
+    }
+
+    /// In light that comes so: to be told before places of outlines are asked for.
+    #[must_use]
+    pub fn lit(mut self, comes: impl Fn(DVec3) -> Option<DVec3>) -> Border {
+        match &mut self.line {
+            Line::Edge(_) | Line::Rim { .. } => {}
+            Line::Ball { c, r, axes } => {
+                // Light may not come to all of it.
+                let around = DVec3::AXES.into_iter().flat_map(|w| [w, -w]).map(|w| *c + w * *r);
+                let pole = comes(*c).or_else(|| around.filter_map(&comes).sum::<DVec3>().try_normalize());
+                *axes = pole.map(|w| {
+                    let (x, y) = warp::frame(-w);
+                    [-w, x, y]
+                });
+            }
+            Line::Wall { q, left, axes } => {
+                let at = |t: f64| q.base + q.axis * (q.length * t);
+                let w = [0.5, 0.0, 1.0].into_iter().find_map(|t| comes(at(t)));
+                let pole = w.and_then(|w| (q.axis * q.axis.dot(w) - w).try_normalize());
+                *axes = pole.map(|p| [p, if *left { q.axis.cross(p) } else { p.cross(q.axis) }]);
+            }
+        }
+        self
+    }
+
+    /// The place at s in 0..=1, where light comes as `comes` says; `None` where none does.
+    pub fn place(&self, s: f64, comes: impl Fn(DVec3) -> Option<DVec3>) -> Option<Place> {
+        match self.line {
+            Line::Edge([a, b]) => {
+                let z = a.lerp(b, s);
+                Some(Place { z, comes: comes(z)?, along: (b - a).normalize() })
+            }
+            Line::Rim { c, x, y } => {
+                let (sin, cos) = (TAU * s).sin_cos();
+                let z = c + x * cos + y * sin;
+                Some(Place { z, comes: comes(z)?, along: (y * cos - x * sin).normalize() })
+            }
+            Line::Ball { c, r, axes } => {
+                let [pole, x, y] = axes?;
+                let (sin, cos) = (TAU * s).sin_cos();
+                touch([pole, x * cos + y * sin], |n| c + n * r, comes)
+            }
+            Line::Wall { q, axes, .. } => {
+                let c = q.base + q.axis * (q.length * s);
+                touch(axes?, |n| c + n * q.radius, comes)
+            }
+        }
+    }
+
+    /// Length across the light of a share of it; `beside`: the places at [`BESIDE`] of it before and behind.
+    pub fn length_across(&self, s: f64, at: &Place, beside: impl Fn(f64) -> Option<Place>) -> Option<f64> {
+        match self.line {
+            Line::Edge(_) => Some(self.length()),
+            Line::Rim { x, y, .. } => {
+                let (sin, cos) = (TAU * s).sin_cos();
+                Some(TAU * (y * cos - x * sin).length())
+            }
+            Line::Ball { .. } | Line::Wall { .. } => {
+                let [a, b] = [s - BESIDE, s + BESIDE].map(beside);
+                Some((b?.z - a?.z).dot(at.along).abs() / (2.0 * BESIDE))
+            }
+        }
+    }
+}
+
+/// Where light leaves a round surface, on half a turn of its normals from the first axis by the second to the opposite of the first.
+fn touch(
+    [pole, side]: [DVec3; 2],
+    point: impl Fn(DVec3) -> DVec3,
+    comes: impl Fn(DVec3) -> Option<DVec3>,
+) -> Option<Place> {
+    let outward = |t: f64| pole * t.cos() + side * t.sin();
+    let met = |t: f64| {
+        let n = outward(t);
+        let w = comes(point(n))?;
+        Some((w.dot(n), (t, w)))
+    };
+    let mut last = None;
+    let found = (0..=HALF_TURN).map(|k| PI * k as f64 / HALF_TURN as f64).find_map(|t| {
+        let here = met(t).map(|m| (t, m.0));
+        std::mem::replace(&mut last, here).zip(here).filter(|(a, b)| a.1 < 0.0 && b.1 >= 0.0)
+    });
+    let (a, b) = found?;
+    let (t, comes) = root(a, b, &met)?.1;
+    let n = outward(t);
+    Some(Place { z: point(n), comes, along: n.cross(comes).normalize() })
+}
+
+pub fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {
+    border(face.corners())
+}
+
+/// All borders of what is smooth or opaque, each once (edges that opaque shapes share, too), but those within a plane.
+pub fn borders(scene: &Scene) -> Vec<Border> {
+    let mut found: Vec<Border> = Vec::new();
+    let mut first = 0;
+    let mut add = |shape: u32, face: u32, corners: &[DVec3]| {
+        // Faces come shape by shape, opaque ones last.
+        let is_new = |b: &Border| b.own().0 != shape && scene.surface_of(b.own().0).is_smooth();
+        if found.last().is_some_and(is_new) {
+            first = found.len();
+        }
+        for (ends, (_, into)) in border(corners).zip(sides(corners)) {
+            match found[first..].iter_mut().find(|b| b.is_at(scene, &ends)) {
+                Some(known) => {
+                    known.faces.push((shape, face));
+                    known.into.push(into);
+                }
+                None => found.push(Border::edge(ends, (shape, face), SmallVec::from_iter([into]))),
+            }
+        }
+    };
+    for f in scene.chains.faces.iter() {
+        add(f.shape, f.face, f.corners());
+    }
+    let is_opaque = |(id, s): &(u32, &Instance)| !scene.is_null(s) && !scene.surface_of(*id).is_smooth();
+    let opaque = || (0..).zip(&scene.shapes).filter(is_opaque);
+    for (id, s) in opaque() {
+        for face in 0..s.shape.face_count() {
+            with_corners(&s.shape, face, |corners| add(id, face, corners));
+        }
+    }
+    // Within a plane there is none.
+    found.retain(|b| !matches!(b.into[..], [a, c] if a.dot(c) < FLAT - 1.0));
+    for (id, s) in opaque() {
+        match s.shape {
+            Shape::Sphere(q) => {
+                found.push(Border::round(Line::Ball { c: q.center, r: q.radius, axes: None }, [(id, 0)]));
+            }
+            Shape::Cylinder(q) => {
+                let side = |left| Border::round(Line::Wall { q, left, axes: None }, [(id, 0)]);
+                found.extend([false, true].map(side));
+            }
+            _ => {}
+        }
+    }
+    // Of any motion: those that part are refused ([`overlapping`]).
+    let opaque_rims = rims(scene, |_| 0).into_iter().filter(|r| !r.shapes().any(|s| scene.surface_of(s).is_smooth()));
+    found.extend(opaque_rims.map(|r| {
+        let faces = r.grazed.iter().flat_map(|(shape, names)| names.iter().map(|&n| (*shape, n)));
+        Border::round(Line::Rim { c: r.c, x: r.x, y: r.y }, faces)
+    }));
+    found
+}
+
+/// The borders of a face, itself first of their faces. Of two facets in one plane either takes over what the other leaves.
+pub fn borders_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<Border> {
+    let own = (face.shape, face.face);
+    let known = |ends: [DVec3; 2]| {
+        let found = borders.iter().find(|b| b.own().0 == face.shape && b.is_at(scene, &ends))?;
+        let others = found.faces.iter().copied().filter(|f| *f != own);
+        let faces = std::iter::once(own).chain(others).collect();
+        Some(Border { faces, ..Border::edge(ends, own, SmallVec::new()) })
+    };
+    edges(face).filter_map(known).collect()
+}
+
+/// Two opaque shapes with edges that lie on each other in part only, or all along though they are `apart`: shapes that move differently.
+pub fn overlapping(scene: &Scene, apart: impl Fn(u32, u32) -> bool) -> Option<(u32, u32)> {
+    let borders: Vec<Border> =
+        borders(scene).into_iter().filter(|b| !scene.surface_of(b.own().0).is_smooth()).collect();
+    let slack = ends::contact(scene);
+    let shared = |b: &Border| b.faces.iter().map(|f| f.0).find(|&k| apart(b.own().0, k)).map(|k| (b.own().0, k));
+    if let Some(pair) = borders.iter().find_map(shared) {
+        return Some(pair);
+    }
+    let lie_on = |[a, b]: [DVec3; 2], [p, q]: [DVec3; 2]| {
+        let length = (b - a).length();
+        let w = (b - a) / length;
+        let along = |x: DVec3| (x - a).dot(w);
+        let is_off = |x: DVec3| (x - a - w * along(x)).length() > slack;
+        let (lo, hi) = (along(p).min(along(q)), along(p).max(along(q)));
+        !is_off(p) && !is_off(q) && hi.min(length) - lo.max(0.0) > slack
+    };
+    let edges: Vec<(u32, [DVec3; 2])> = borders.iter().filter_map(|b| Some((b.own().0, *b.ends()?))).collect();
+    edges.iter().enumerate().find_map(|(k, (shape, ends))| {
+        let of_others = edges[k + 1..].iter().filter(|e| e.0 != *shape);
+        of_others.into_iter().find(|e| lie_on(*ends, e.1)).map(|e| (*shape, e.0))
+    })
+}
+
+pub fn is_same(scene: &Scene, [a, b]: &[DVec3; 2], [c, d]: &[DVec3; 2]) -> bool {
+    let near = |x: &DVec3, y: &DVec3| (*x - *y).length() <= ends::contact(scene);
+    near(a, c) && near(b, d) || near(a, d) && near(b, c)
+}
+
+impl Border {
+    /// Whether it is the edge between two points.
+    pub fn is_at(&self, scene: &Scene, ends: &[DVec3; 2]) -> bool {
+        self.ends().is_some_and(|own| is_same(scene, own, ends))
+    }
+}
