@@ -128,7 +128,8 @@ fn light_past_round_things_against_differences() {
     compare(&scene_of(4, &format!("{own}{}{balls}", block(FOGGY)), SUN), &wrt[..2], 1 << 14);
     let round = r#"<shape type="cylinder"><point name="p0" value="$ball, -0.4, 0.1"/><point name="p1" value="$ball, 0, 0.3"/><float name="radius" value="$r"/><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
       <shape type="disk"><transform name="to_world"><scale value="0.25"/><rotate x="1" angle="15"/><translate x="0.5" z="1.2"/></transform><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
-    compare(&scene_of(4, &format!("{own}{}{round}", block(FOGGY)), LAMP), &wrt[..3], 1 << 14);
+    // Steps by the lamp's place would bring folds of shadows over the pixel's border.
+    compare(&scene_of(4, &format!("{own}{}{round}", block(FOGGY)), LAMP), &[("n", 0.02), ("ball", 0.03)], 1 << 14);
 }
 
 #[test]
