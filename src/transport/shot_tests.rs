@@ -1,4 +1,4 @@
-//! Shots past balls, against outlines that formulas give.
+//! Shots past balls and walls, against outlines that formulas give.
 
 use super::*;
 use crate::math::stats::Moments;
@@ -47,6 +47,52 @@ fn great_circles_measure_outlines() {
             let weight = drawn.map_or(0.0, |s| {
                 assert!(((s.shot.e - ball(&scene, 1).center).length() - r).abs() < 1e-9);
                 s.trials(&scene, &eye, &place, &target, &mut rng, random).unwrap() / s.shot.spread
+            });
+            sum.push(weight);
+        }
+        let (mean, error) = (sum.mean, sum.standard_error());
+        assert!(error < 0.02 * truth && (mean - truth).abs() < 4.0 * error, "{mean} +- {error}, {truth}");
+    }
+}
+
+/// A tube in a mirror: of its image, whose two lines of contact have the distance ρ, an eye's directions cross `∫ dl sin α / d² = 2 [h / (ρ √(ρ² + h²))]` (h: heights over the eye's), rays along one direction `2 L sin α`.
+#[test]
+fn heights_measure_walls() {
+    let text = r#"<scene version="3.0.0"><integrator type="volpath"/><sensor type="perspective"/>
+      <shape type="rectangle"><transform name="to_world"><scale value="50"/></transform><bsdf type="conductor"/></shape>
+      <shape type="cylinder"><point name="p0" value="0.4, -0.3, 1.6"/><point name="p1" value="0.1, 0.9, 2.4"/><float name="radius" value="0.4"/><bsdf type="diffuse"/></shape>
+      <emitter type="constant"/></scene>"#;
+    let scene = compile(text);
+    let Shape::Cylinder(q) = &scene.shapes[1].shape else { panic!("no tube") };
+    let o = DVec3::new(-1.5, 0.3, 3.0);
+    let over = |v: DVec3| DVec3::new(v.x, v.y, -v.z);
+    let (base, axis) = (over(q.base), over(q.axis));
+    let (low, across) = ((base - o).dot(axis), (base - o).cross(axis).length_squared());
+    let rho = (across - q.radius * q.radius).sqrt();
+    let seen = |h: f64| h / (rho * rho.hypot(h));
+    let along = DVec3::new(0.5, 0.0, -1.0).normalize();
+    let place = Place::within(None);
+    let truths = [2.0 * (seen(low + q.length) - seen(low)), 2.0 * q.length * along.cross(axis).length()];
+    for (eye, truth) in [Eye::Point(o), Eye::Parallel(along)].into_iter().zip(truths) {
+        let random = |rng: &mut Rng| {
+            let [a, b] = [6.0 * rng.uniform() - 3.0, 6.0 * rng.uniform() - 3.0];
+            let (x, y) = warp::frame(along);
+            Some(match eye {
+                Eye::Point(o) => Start { o, w: (DVec3::new(a, b, 0.0) - o).normalize() },
+                Eye::Parallel(w) => Start { o: x * a + y * b - w * 6.0, w },
+            })
+        };
+        let (mut rng, mut sum) = (Rng::keyed(13, 0, 0, 0), Moments::default());
+        for _ in 0..20_000 {
+            let t = rng.uniform();
+            let target = Target::wall(1, q, t);
+            let drawn = draw(&scene, &eye, &place, &target, &mut rng, random, |_| false);
+            let weight = drawn.map_or(0.0, |s| {
+                assert!(
+                    (q.height(s.shot.e) - t * q.length).abs() < 1e-9
+                        && (q.from_axis(s.shot.e).length() - q.radius).abs() < 1e-9
+                );
+                q.length * s.trials(&scene, &eye, &place, &target, &mut rng, random).unwrap() / s.shot.spread
             });
             sum.push(weight);
         }

@@ -216,6 +216,12 @@ fn lights_over_a_pond_against_differences() {
     let all = [place[0], place[1], ("dx", 0.02), ("cut", 0.5), ("beam", 0.5)];
     against_differences(&pond(SPOT), &all, &["all"], 1 << 12, 0.02);
     against_differences(&pond(SUN), &[("dx", 0.02)], &["all"], 1 << 13, 0.02);
+}
+
+#[test]
+#[ignore = "make stress"]
+fn lights_over_and_under_a_pond_against_differences() {
+    let place = [("x", 0.02), ("z", 0.02)];
     // Through fog on both sides of the water, whose border it passes before and behind it.
     let across = pond(LAMP)
         .replace(r#"<scale value="0.6"/><rotate x="1" angle="20"/><translate z="-0.95"/>"#, r#"<scale value="0.35"/>"#);

@@ -59,8 +59,15 @@ fn floor_under_a_block_against_differences() {
     let bodies = format!("{}{FLOOR}", block(""));
     let place = [("n", 0.01), ("x", 0.1), ("h", 0.02), ("tilt", 1.0), ("floor", 0.05), ("slope", 1.0), ("cam", 0.03)];
     compare(&scene_of(ALL, 4, &bodies, LAMP), &place, &["n", "x", "h", "tilt"], 1 << 14);
-    compare(&scene_of(ALL, 4, &bodies, SPOT), &place[..2], &["n", "x"], 1 << 14);
-    compare(&scene_of(ALL, 4, &bodies, SUN), &place[..2], &["n", "x"], 1 << 14);
+    compare(&scene_of(ALL, 4, &bodies, SUN), &place[..1], &["n"], 1 << 14);
+}
+
+#[test]
+#[ignore = "make stress"]
+fn floor_under_a_block_in_other_light_against_differences() {
+    let bodies = format!("{}{FLOOR}", block(""));
+    compare(&scene_of(ALL, 4, &bodies, SPOT), &[("n", 0.01), ("x", 0.1)], &["n", "x"], 1 << 14);
+    compare(&scene_of(ALL, 4, &bodies, SUN), &[("x", 0.1)], &["x"], 1 << 14);
     // Twice through the block.
     compare(&scene_of(NEAR, 6, &bodies, LAMP), &[("n", 0.01), ("x", 0.02), ("h", 0.005)], &["n"], 1 << 15);
 }
@@ -108,6 +115,7 @@ fn fog_around_a_block_over_a_floor_against_differences() {
 
 /// Light of the floor on a wall, and of the wall on the floor.
 #[test]
+#[ignore = "make stress"]
 fn corner_beside_a_block_against_differences() {
     let wall = r#"<shape type="rectangle"><transform name="to_world"><scale value="2"/><rotate x="1" angle="90"/><translate y="0.8"/></transform><bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf></shape>"#;
     let text = scene_of(ALL, 6, &format!("{}{FLOOR}{wall}", block("")), LAMP);
