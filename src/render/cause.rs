@@ -58,8 +58,17 @@ pub fn unlit(p: &Parts<f64>, of_light: &'static str) -> Option<Cause> {
     };
     let counts = |s: &&ShapePart<f64>| !matches!(p.surfaces[s.surface], SurfacePart::Null) && !has_known_borders(p, s);
     let round = p.shapes.iter().find(counts);
+    let panes = p.shapes.iter().any(is_pane);
     // Beside panes nothing else would do.
-    match round.filter(|_| !p.shapes.iter().any(is_pane)) {
+    let beside = |s: &&ShapePart<f64>| {
+        let flat = matches!(s.kind, ShapeKind::Rectangle);
+        panes && is_outlined(p, s.surface) && !flat
+    };
+    if let Some(s) = p.shapes.iter().find(beside) {
+        let remedy = "beside rectangles and disks of glass, in light without extent, only rectangles may be opaque: make the glass a cube or a mesh, or give the light an extent";
+        return Some(Cause::of_shape(s, remedy));
+    }
+    match round.filter(|_| !panes) {
         Some(s) => Some(Cause::of_shape(
             s,
             "in light without extent glass and mirrors must have flat faces: make it a cube or a mesh; or use an area light, an environment or, where nothing is opaque, a collimated beam",

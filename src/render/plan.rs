@@ -143,7 +143,7 @@ pub struct Facts {
     /// The density of some medium jumps at a visible border (its box, its shape).
     pub border_jump: bool,
     pub dielectric: bool,
-    /// All of it is rectangles, and disks of glass.
+    /// All glass and metal is rectangles, and disks of glass, and all that is opaque rectangles.
     pub only_panes: bool,
     /// All that casts shadows, glass too, has known borders.
     pub known_borders: bool,
@@ -515,10 +515,10 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         only_panes: p.shapes.iter().any(|s| smooth(s.surface))
-            && p.shapes.iter().all(|s| match s.kind {
-                ShapeKind::Rectangle => true,
-                ShapeKind::Disk => !matches!(p.surfaces[s.surface], SurfacePart::Conductor { .. }),
-                _ => !smooth(s.surface),
+            && p.shapes.iter().all(|s| match (&s.kind, &p.surfaces[s.surface]) {
+                (ShapeKind::Rectangle, _) | (_, SurfacePart::Null) => true,
+                (ShapeKind::Disk, surface) => matches!(surface, SurfacePart::Dielectric { .. }),
+                _ => false,
             }),
         known_borders: p.shapes.iter().any(|s| smooth(s.surface)) && solid.iter().all(|s| has_known_borders(p, s)),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),

@@ -35,8 +35,6 @@ use crate::shape::{Geometry, Shape};
 use crate::transport::Tally;
 use crate::transport::motion::Moving;
 
-/// How far from the border on either side light is asked for, in scene radii: Embree's f32 rays must tell which face is met.
-const ASIDE: f64 = 1e-5;
 /// Faces of an opaque mesh at most.
 const OPAQUE: u32 = 4096;
 /// Sheets of a scene at most.
@@ -82,11 +80,6 @@ impl Ended {
     pub fn by_light(&self, sheet: &Sheet, v: DVec3) -> Option<Partial> {
         self.slots[sheet.light as usize].map(|slot| Partial { slot, v, len: 3 })
     }
-}
-
-/// How far from the border on either side light is asked for.
-pub fn aside(scene: &Scene) -> f64 {
-    ASIDE * scene.bounds.radius()
 }
 
 /// Whether all of them are known where something moves: whatever casts shadows has straight borders or is opaque, and no border of a medium alone moves.
@@ -251,7 +244,7 @@ impl Casts {
             let m = met.m;
             let [by_end, by_light] = slide.by_ends(m);
             let slope = by_end.dot(span.w);
-            let off = by_end * (aside(scene) / by_end.length_squared());
+            let off = by_end * (sheet.border.aside(scene) / by_end.length_squared());
             let at = |y: DVec3| (y, On::default(), Some(span.medium));
             let sides = [p + off, p - off].map(|y| sheet.arrives(scene, at(y), &mut tally.unsettled));
             let medium = &scene.media[span.medium as usize];

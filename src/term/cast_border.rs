@@ -7,7 +7,7 @@ use super::cast_sheet::Grazed;
 use super::ends;
 use super::rims::rims;
 use crate::math::root::root;
-use crate::math::{DVec3, warp};
+use crate::math::{DMat3, DVec3, warp};
 use crate::scene::chains::Face;
 use crate::scene::{Instance, Scene};
 use crate::shape::edges::{border, sides, with_corners};
@@ -19,6 +19,9 @@ use std::f64::consts::{PI, TAU};
 const FLAT: f64 = 1e-12;
 /// Pieces of half a turn between whose ends light is looked for that touches a surface.
 const HALF_TURN: usize = 6;
+/// How far from the border on either side light is asked for, in scene radii: Embree's f32 rays must tell which face is met. Of thin round things at most the share `THIN` of their radius.
+const ASIDE: f64 = 1e-5;
+const THIN: f64 = 0.1;
 /// Share of a border between two places that tell how it runs.
 pub const BESIDE: f64 = 1e-5;
 
@@ -32,7 +35,7 @@ pub struct Border {
     pub into: SmallVec<[DVec3; 2]>,
 }
 
-/// Where a border is. Outlines have axes once it is known how light comes: toward where that meets them first, and across.
+/// Where a border is. The outline of a ball has axes once it is known how light comes: toward where that meets it first, and across.
 #[derive(Clone, Copy, Debug)]
 pub enum Line {
     Edge([DVec3; 2]),
@@ -51,7 +54,6 @@ pub enum Line {
     Wall {
         q: Cylinder,
         left: bool,
-        axes: Option<[DVec3; 2]>,
     },
 }
 
@@ -93,12 +95,28 @@ impl Border {
         grazed
     }
 
+    /// Whether it is the edge between two points.
+    fn is_at(&self, scene: &Scene, ends: &[DVec3; 2]) -> bool {
+        self.ends().is_some_and(|own| is_same(scene, own, ends))
+    }
+
     /// The ends of an edge.
     pub fn ends(&self) -> Option<&[DVec3; 2]> {
         match &self.line {
             Line::Edge(ends) => Some(ends),
             _ => None,
         }
+    }
+
+    /// How far from it on either side light is asked for.
+    pub fn aside(&self, scene: &Scene) -> f64 {
+        let own = match self.line {
+            Line::Edge(_) => f64::INFINITY,
+            Line::Rim { x, y, .. } => x.length().min(y.length()),
+            Line::Ball { r, .. } => r,
+            Line::Wall { q, .. } => q.radius,
+        };
+        (ASIDE * scene.bounds.radius()).min(THIN * own)
     }
 
     /// Whether it goes all around something.
@@ -116,26 +134,39 @@ impl Border {
         }
     }
 
-    /// In light that comes so: to be told before places of outlines are asked for.
+    /// Whether both see each other's jump, as they run along each other, nearer than `slack`, in part.
+    fn runs_along(&self, other: &Border, slack: f64) -> bool {
+        match (&self.line, &other.line) {
+            (Line::Edge(a), Line::Edge(b)) => edges_run_along(*a, *b, slack),
+            (Line::Ball { c, r, .. }, Line::Ball { c: d, r: q, .. }) => (*c - *d).length() + (r - q).abs() <= slack,
+            (Line::Wall { q: a, left }, Line::Wall { q: b, left: other }) => {
+                let [low, high] = [b.base, b.base + b.axis * b.length].map(|p| (a.height(p), a.from_axis(p).length()));
+                let meet = low.0.max(high.0) > 0.0 && low.0.min(high.0) < a.length;
+                left == other && meet && low.1.max(high.1) + (a.radius - b.radius).abs() <= slack
+            }
+            (Line::Rim { c, x, y }, Line::Rim { c: d, x: p, y: q }) => {
+                // Ellipses are alike where x xᵀ + y yᵀ is.
+                let form =
+                    |x: DVec3, y: DVec3| DMat3::from_cols(x * x.x + y * y.x, x * x.y + y * y.y, x * x.z + y * y.z);
+                let apart = form(*x, *y) - form(*p, *q);
+                let most = apart.to_cols_array().into_iter().fold(0.0f64, |m, v| m.max(v.abs()));
+                (*c - *d).length() + most / x.length().max(y.length()) <= slack
+            }
+            _ => false,
+        }
+    }
+
+    /// In light that comes so: to be told before places are asked for.
     #[must_use]
     pub fn lit(mut self, comes: impl Fn(DVec3) -> Option<DVec3>) -> Border {
-        match &mut self.line {
-            Line::Edge(_) | Line::Rim { .. } => {}
-            Line::Ball { c, r, axes } => {
-                // Light may not come to all of it.
-                let around = DVec3::AXES.into_iter().flat_map(|w| [w, -w]).map(|w| *c + w * *r);
-                let pole = comes(*c).or_else(|| around.filter_map(&comes).sum::<DVec3>().try_normalize());
-                *axes = pole.map(|w| {
-                    let (x, y) = warp::frame(-w);
-                    [-w, x, y]
-                });
-            }
-            Line::Wall { q, left, axes } => {
-                let at = |t: f64| q.base + q.axis * (q.length * t);
-                let w = [0.5, 0.0, 1.0].into_iter().find_map(|t| comes(at(t)));
-                let pole = w.and_then(|w| (q.axis * q.axis.dot(w) - w).try_normalize());
-                *axes = pole.map(|p| [p, if *left { q.axis.cross(p) } else { p.cross(q.axis) }]);
-            }
+        if let Line::Ball { c, r, axes } = &mut self.line {
+            // Light may not come to all of it.
+            let around = DVec3::AXES.into_iter().flat_map(|w| [w, -w]).map(|w| *c + w * *r);
+            let pole = comes(*c).or_else(|| around.filter_map(&comes).sum::<DVec3>().try_normalize());
+            *axes = pole.map(|w| {
+                let (x, y) = warp::frame(-w);
+                [-w, x, y]
+            });
         }
         self
     }
@@ -157,9 +188,12 @@ impl Border {
                 let (sin, cos) = (TAU * s).sin_cos();
                 touch([pole, x * cos + y * sin], |n| c + n * r, comes)
             }
-            Line::Wall { q, axes, .. } => {
+            Line::Wall { q, left } => {
                 let c = q.base + q.axis * (q.length * s);
-                touch(axes?, |n| c + n * q.radius, comes)
+                let w = comes(c)?;
+                let pole = (q.axis * q.axis.dot(w) - w).try_normalize()?;
+                let side = if left { q.axis.cross(pole) } else { pole.cross(q.axis) };
+                touch([pole, side], |n| c + n * q.radius, comes)
             }
         }
     }
@@ -173,8 +207,13 @@ impl Border {
                 Some(TAU * (y * cos - x * sin).length())
             }
             Line::Ball { .. } | Line::Wall { .. } => {
-                let [a, b] = [s - BESIDE, s + BESIDE].map(beside);
-                Some((b?.z - a?.z).dot(at.along).abs() / (2.0 * BESIDE))
+                let (a, b, step) = match [s - BESIDE, s + BESIDE].map(beside) {
+                    [Some(a), Some(b)] => (a.z, b.z, 2.0 * BESIDE),
+                    [Some(a), None] => (a.z, at.z, BESIDE),
+                    [None, Some(b)] => (at.z, b.z, BESIDE),
+                    [None, None] => return None,
+                };
+                Some((b - a).dot(at.along).abs() / step)
             }
         }
     }
@@ -245,7 +284,7 @@ pub fn borders(scene: &Scene) -> Vec<Border> {
                 found.push(Border::round(Line::Ball { c: q.center, r: q.radius, axes: None }, [(id, 0)]));
             }
             Shape::Cylinder(q) => {
-                let side = |left| Border::round(Line::Wall { q, left, axes: None }, [(id, 0)]);
+                let side = |left| Border::round(Line::Wall { q, left }, [(id, 0)]);
                 found.extend([false, true].map(side));
             }
             _ => {}
@@ -272,38 +311,32 @@ pub fn borders_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<Border>
     edges(face).filter_map(known).collect()
 }
 
-/// Two opaque shapes with edges that lie on each other in part only, or all along though they are `apart`: shapes that move differently.
+/// Two opaque shapes with borders that lie on each other in part only, or nearly, or all along though they are `apart`: shapes that move differently.
 pub fn overlapping(scene: &Scene, apart: impl Fn(u32, u32) -> bool) -> Option<(u32, u32)> {
     let borders: Vec<Border> =
         borders(scene).into_iter().filter(|b| !scene.surface_of(b.own().0).is_smooth()).collect();
-    let slack = ends::contact(scene);
+    // Light is asked for beside a border as far as that.
+    let slack = 2.0 * ASIDE * scene.bounds.radius();
     let shared = |b: &Border| b.faces.iter().map(|f| f.0).find(|&k| apart(b.own().0, k)).map(|k| (b.own().0, k));
     if let Some(pair) = borders.iter().find_map(shared) {
         return Some(pair);
     }
-    let lie_on = |[a, b]: [DVec3; 2], [p, q]: [DVec3; 2]| {
-        let length = (b - a).length();
-        let w = (b - a) / length;
-        let along = |x: DVec3| (x - a).dot(w);
-        let is_off = |x: DVec3| (x - a - w * along(x)).length() > slack;
-        let (lo, hi) = (along(p).min(along(q)), along(p).max(along(q)));
-        !is_off(p) && !is_off(q) && hi.min(length) - lo.max(0.0) > slack
-    };
-    let edges: Vec<(u32, [DVec3; 2])> = borders.iter().filter_map(|b| Some((b.own().0, *b.ends()?))).collect();
-    edges.iter().enumerate().find_map(|(k, (shape, ends))| {
-        let of_others = edges[k + 1..].iter().filter(|e| e.0 != *shape);
-        of_others.into_iter().find(|e| lie_on(*ends, e.1)).map(|e| (*shape, e.0))
+    borders.iter().enumerate().find_map(|(k, a)| {
+        let of_others = borders[k + 1..].iter().filter(|b| b.own().0 != a.own().0);
+        of_others.into_iter().find(|b| a.runs_along(b, slack)).map(|b| (a.own().0, b.own().0))
     })
+}
+
+fn edges_run_along([a, b]: [DVec3; 2], [p, q]: [DVec3; 2], slack: f64) -> bool {
+    let length = (b - a).length();
+    let w = (b - a) / length;
+    let along = |x: DVec3| (x - a).dot(w);
+    let is_off = |x: DVec3| (x - a - w * along(x)).length() > slack;
+    let (lo, hi) = (along(p).min(along(q)), along(p).max(along(q)));
+    !is_off(p) && !is_off(q) && hi.min(length) - lo.max(0.0) > slack
 }
 
 pub fn is_same(scene: &Scene, [a, b]: &[DVec3; 2], [c, d]: &[DVec3; 2]) -> bool {
     let near = |x: &DVec3, y: &DVec3| (*x - *y).length() <= ends::contact(scene);
     near(a, c) && near(b, d) || near(a, d) && near(b, c)
-}
-
-impl Border {
-    /// Whether it is the edge between two points.
-    pub fn is_at(&self, scene: &Scene, ends: &[DVec3; 2]) -> bool {
-        self.ends().is_some_and(|own| is_same(scene, own, ends))
-    }
 }

@@ -83,8 +83,6 @@ pub struct Met {
     first: DVec3,
     /// On the border.
     pub place: Place,
-    /// Of a share of the border, across the light.
-    pub length: f64,
     /// Across the border.
     pub m: DVec3,
     /// Direction of the light behind all.
@@ -204,7 +202,7 @@ impl Sheet {
     }
 
     /// Length across the light of a share of the border at a place of it.
-    fn length_across(&self, scene: &Scene, s: f64, at: &Place) -> Option<f64> {
+    pub fn length_across(&self, scene: &Scene, s: f64, at: &Place) -> Option<f64> {
         self.border.length_across(s, at, |s| self.place(scene, s, &mut 0))
     }
 
@@ -388,28 +386,40 @@ impl Sheet {
         };
         let side = |s: f64| self.ray(scene, s).map(|r| (r.side(o, w), r));
         for piece in &self.pieces {
-            let known: SmallVec<[(f64, f64); PIECES]> = piece.iter().map(|(s, r)| (*s, r.side(o, w))).collect();
-            for k in 0..known.len() {
-                let here = known[k];
-                if let Some(next) = known.get(k + 1).filter(|next| (next.1 < 0.0) != (here.1 < 0.0)) {
-                    if let Some((s, ray)) = root(here, *next, &side) {
+            let known: SmallVec<[(f64, f64); 64]> = piece.iter().map(|(s, r)| (*s, r.side(o, w))).collect();
+            let (Some(&[first, second]), Some(&[before, end])) = (known.first_chunk(), known.last_chunk()) else {
+                continue;
+            };
+            for pair in known.windows(2).filter(|p| (p[0].1 < 0.0) != (p[1].1 < 0.0)) {
+                if let Some((s, ray)) = root(pair[0], pair[1], &side) {
+                    add(s, &ray);
+                }
+            }
+            // Two between, that signs do not tell: where the least of three is in the middle. An end has a neighbour beyond it, on a closed border the one at the other end.
+            let mut pairs = |last: (f64, f64), here: (f64, f64), next: (f64, f64)| {
+                if !is_least(last.1, here.1, next.1) {
+                    return;
+                }
+                let sign = if here.1 < 0.0 { -1.0 } else { 1.0 };
+                let Some(turned) = dip(last, here, next, sign, &side) else { return };
+                for pair in [[last, turned], [turned, next]] {
+                    let within = |(s, _): &(f64, Ray)| *s >= first.0 && *s <= end.0;
+                    if let Some((s, ray)) = root(pair[0], pair[1], &side).filter(within) {
                         add(s, &ray);
                     }
                 }
-                // Two between, that signs do not tell: where the least of three is in the middle.
-                let (Some(last), Some(next)) = (k.checked_sub(1).map(|k| known[k]), known.get(k + 1)) else { continue };
-                let alike = [last.1, next.1].iter().all(|x| (*x < 0.0) == (here.1 < 0.0) && x.abs() >= here.1.abs());
-                if !alike {
-                    continue;
-                }
-                let sign = if here.1 < 0.0 { -1.0 } else { 1.0 };
-                if let Some(turned) = dip(last, here, *next, sign, &side) {
-                    for pair in [[last, turned], [turned, *next]] {
-                        if let Some((s, ray)) = root(pair[0], pair[1], &side) {
-                            add(s, &ray);
-                        }
-                    }
-                }
+            };
+            known.windows(3).for_each(|k| pairs(k[0], k[1], k[2]));
+            let beyond = |here: (f64, f64), other: (f64, f64)| {
+                let nearer = (other.1 < 0.0) == (here.1 < 0.0) && other.1.abs() >= here.1.abs();
+                let s = 2.0 * here.0 - other.0;
+                nearer.then(|| side(s).map(|v| (s, v.0)))?
+            };
+            if let Some(last) = beyond(first, second) {
+                pairs(last, first, second);
+            }
+            if let Some(next) = beyond(end, before) {
+                pairs(before, end, next);
             }
         }
         found
@@ -434,8 +444,7 @@ impl Sheet {
         };
         steps.extend(behind.into_iter().map(|s| s.0));
         let first = points.last().copied().unwrap_or(z);
-        let length = self.length_across(scene, s, &place)?;
-        Some(Met { from: self.from(scene)?, steps, idle, first, place, length, m, w: ray.w })
+        Some(Met { from: self.from(scene)?, steps, idle, first, place, m, w: ray.w })
     }
 
     /// Irradiance across its direction that the light brings to y, whose faces and medium are given, by the faces; none where it does not come. Searches that do not settle are counted.
@@ -450,6 +459,12 @@ impl Sheet {
         };
         found().unwrap_or(Rgb::ZERO)
     }
+}
+
+/// Whether the middle one of three values of one sign is the least; of two that are alike the second counts.
+fn is_least(last: f64, here: f64, next: f64) -> bool {
+    let alike = |x: f64| (x < 0.0) == (here < 0.0);
+    alike(last) && alike(next) && last.abs() >= here.abs() && next.abs() > here.abs()
 }
 
 /// How far within borders: [`Sheet::known`].

@@ -10,7 +10,7 @@
 //! (a shot, [`super::aim`]), onto whose film it slides, and vertices of camera paths ([`super::seen_path`]), likewise, each in its own way.
 
 use super::aim::{From, Interfaces};
-use super::cast::{Ended, aside};
+use super::cast::Ended;
 use super::cast_sheet::{Met, Sheet};
 use super::ends::{self, Point, Watch};
 use super::grazing_line::seen_on;
@@ -123,13 +123,15 @@ impl Spot<'_> {
         };
         let ([by_end, by_light], [by_along, _]) = (slide.by_ends(met.m), slide.by_ends(met.place.along));
         let slope = by_end - n * n.dot(by_end);
-        let off = slope.normalize_or_zero() * (aside(scene) / slope.length()).min(FARTHEST * scene.bounds.radius());
+        let off = slope.normalize_or_zero()
+            * (sheet.border.aside(scene) / slope.length()).min(FARTHEST * scene.bounds.radius());
         let [more, less] = [off, -off].map(|off| {
             let h = scene.hit_at(self.hit.p + off, self.hit.shape, self.hit.face);
             sheet.arrives(scene, (h.p, On::at(&h), self.medium), &mut tally.unsettled)
         });
         // Both gradients are across w.
-        let measure = met.length / (by_end.cross(by_along).length() * self.density);
+        let measure =
+            sheet.length_across(scene, self.s, &met.place)? / (by_end.cross(by_along).length() * self.density);
         let light = (more - less) * measure;
         tally.nonfinite += u64::from(!light.is_finite());
         (light.is_finite() && !light.is_zero()).then_some(Jump { met, by_light, light })

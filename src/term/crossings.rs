@@ -15,6 +15,8 @@ const EDGES: usize = 200_000;
 const OF_A_SHAPE: usize = 200;
 /// Straight pieces of a circle.
 const PIECES: usize = 64;
+/// By how much of a piece circles are turned.
+const OFF_AXES: f64 = 0.37;
 /// Shapes that one line may meet.
 const MOST: usize = 256;
 /// Ends of a line count as touching up to this share of it, and lines that are parallel to a surface up to this cosine.
@@ -84,7 +86,8 @@ pub fn all(scene: &Scene, motion: &Motion, compared: &[bool]) -> Vec<(u32, u32)>
         let faces = [(i as u32, Vec::new())];
         let circle = |c: DVec3, x: DVec3, y: DVec3| {
             let at = |k: usize| {
-                let (s, q) = (TAU * k as f64 / PIECES as f64).sin_cos();
+                // Corners may lie in faces that go through the middle: not along axes.
+                let (s, q) = (TAU * (k as f64 + OFF_AXES) / PIECES as f64).sin_cos();
                 c + x * q + y * s
             };
             (0..PIECES).flat_map(|k| through(&faces, at(k), at(k + 1))).collect::<Vec<_>>()

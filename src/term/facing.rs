@@ -10,6 +10,7 @@ use crate::shape::edges::Edge;
 use crate::shape::edges::FLAT;
 use crate::shape::{Cylinder, Geometry, Sphere};
 use crate::transport::shot::{Shot, Target};
+use smallvec::SmallVec;
 use std::borrow::Cow;
 use std::f64::consts::TAU;
 
@@ -21,6 +22,9 @@ pub struct Facing {
     pub faces: Faces,
 }
 
+/// Shape and face of every side of an edge.
+type Names = SmallVec<[(u32, u32); 2]>;
+
 impl Facing {
     /// n: outward, of a ball or wall.
     pub fn of_round(shape: u32, n: DVec3) -> Facing {
@@ -29,29 +33,25 @@ impl Facing {
 
     /// Of an edge, with the sine of the angle between the ray w and that.
     pub fn of_edge(scene: &Scene, e: &SharedEdge, w: DVec3) -> Option<(Facing, f64)> {
-        Facing::of_sides(scene, &e.edge, || e.sides().map(|s| (s.0, s.1)), w)
+        let names: Names = e.sides().map(|s| (s.0, s.1)).collect();
+        Facing::of_sides(scene, &e.edge, &names, w)
     }
 
     /// The same of the edge of a rim at a place of it.
     pub fn of_rim(scene: &Scene, rim: &Rim, edge: &Edge, w: DVec3) -> Option<(Facing, f64)> {
-        Facing::of_sides(scene, edge, || rim.shapes().map(|s| (s, 0)), w)
+        let names: Names = rim.shapes().map(|s| (s, 0)).collect();
+        Facing::of_sides(scene, edge, &names, w)
     }
 
-    /// Shape and face of every side of an edge.
-    fn of_sides<I: Iterator<Item = (u32, u32)>>(
-        scene: &Scene,
-        edge: &Edge,
-        names: impl Fn() -> I,
-        w: DVec3,
-    ) -> Option<(Facing, f64)> {
+    fn of_sides(scene: &Scene, edge: &Edge, names: &[(u32, u32)], w: DVec3) -> Option<(Facing, f64)> {
         let normal = (edge.b - edge.a).normalize().cross(w);
         let sin = normal.length();
         if sin.is_nan() || sin <= 0.0 {
             return None;
         }
         let on = |keep: &dyn Fn(f64) -> bool| {
-            let sides = names().zip(&edge.sides).filter(|(_, s)| keep(normal.dot(s.corner - edge.a)));
-            sides.map(|(name, _)| name).collect::<Vec<_>>()
+            let sides = names.iter().zip(&edge.sides).filter(|(_, s)| keep(normal.dot(s.corner - edge.a)));
+            sides.map(|(name, _)| *name).collect::<Vec<_>>()
         };
         let side = edge.covered_side(normal);
         if side != 0.0 {
@@ -59,7 +59,7 @@ impl Facing {
             return Some((Facing { n: normal * (-side / sin), faces }, sin));
         }
         let (own, lit) = (on(&|d| d < 0.0), on(&|d| d > 0.0));
-        let parts = !own.is_empty() && !lit.is_empty() && parts(scene, edge, names());
+        let parts = !own.is_empty() && !lit.is_empty() && parts(scene, edge, names);
         parts.then_some((Facing { n: normal / sin, faces: Faces { own, lit } }, sin))
     }
 }
@@ -112,8 +112,8 @@ impl Outline<'_> {
 }
 
 /// Whether what leaves the faces of an edge may differ: they have another slope or another surface.
-fn parts(scene: &Scene, edge: &Edge, names: impl Iterator<Item = (u32, u32)>) -> bool {
-    let mut sides = names.map(|(id, face)| {
+fn parts(scene: &Scene, edge: &Edge, names: &[(u32, u32)]) -> bool {
+    let mut sides = names.iter().map(|&(id, face)| {
         let s = &scene.shapes[id as usize];
         (s.shape.normal(face, edge.a), s.surface, s.light)
     });

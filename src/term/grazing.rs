@@ -124,10 +124,9 @@ impl Edges {
             weights.push(size * aim.weight(motion, id, middle));
         }
         for r in rims(scene, |i| motion.class(i)) {
-            let Some(shape) = r.shapes().next() else { continue };
-            let size = PI * (r.x.length() + r.y.length()) * TAU * wedge(&r.edge(0.0)).1;
-            let opaque = f64::from(u8::from(!smooth(shape)));
-            weights.push(size * aim.weight(motion, shape, r.c) * opaque);
+            let Some(shape) = r.shapes().next().filter(|_| !r.shapes().any(smooth)) else { continue };
+            let size = r.length() * TAU * wedge(&r.edge(0.0)).1;
+            weights.push(size * aim.weight(motion, shape, r.c));
             curved.push(Element { grazed: r.grazed.clone(), curve: Curve::Rim(r) });
         }
         // Edges without length have no direction; no line grazes them.

@@ -242,8 +242,12 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
     };
     let of_rim = |rim: &Rim| {
         let own: Vec<u32> = rim.shapes().collect();
-        let half_space = matches!(scene.surface_of(own[0]), Surface::Dielectric { .. });
-        let meets = |s: u32, _: u32| (smooth(s) || half_space) && !own.contains(&s);
+        let of_glass = own.iter().position(|&s| matches!(scene.surface_of(s), Surface::Dielectric { .. }));
+        // The rim of a half-space of glass is out of sight.
+        if let (Some(k), true) = (of_glass, own.len() > 1) {
+            return Some((own[k], own[usize::from(k == 0)]));
+        }
+        let meets = |s: u32, _: u32| (smooth(s) || of_glass.is_some()) && !own.contains(&s);
         PLACES.iter().find_map(|&u| {
             let near = scene.nearest_point(Kind::Opaque, rim.edge(u).a, ends::contact(scene), &meets)?;
             Some((own[0], near.shape))
@@ -260,7 +264,17 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
         name(a),
         name(b)
     );
-    Err(Error::scene(span, what, "leave a gap between them (a ten-thousandth of their size is enough)"))
+    let open = |k: u32| {
+        let s = &scene.shapes[k as usize];
+        let pane = matches!(s.shape, Shape::Rectangle(_) | Shape::Disk(_));
+        pane && matches!(scene.surfaces[s.surface as usize], Surface::Dielectric { .. })
+    };
+    let remedy = if open(a) || open(b) {
+        "a rectangle or disk of glass bounds a half-space: let it reach beyond all that stands in it, or make a body of it (a cube, a closed mesh)"
+    } else {
+        "leave a gap between them (a ten-thousandth of their size is enough)"
+    };
+    Err(Error::scene(span, what, remedy))
 }
 
 /// Light that a ball mirrors straight on at its rim has scattered once more than what passes beside it: it jumps where that counts.

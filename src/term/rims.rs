@@ -33,6 +33,11 @@ impl Rim {
         side.inward.unwrap_or(self.c - e)
     }
 
+    /// About its length.
+    pub fn length(&self) -> f64 {
+        PI * (self.x.length() + self.y.length())
+    }
+
     /// The rim's straight edge at the fraction u of a turn, one radian long, with its faces.
     pub fn edge(&self, u: f64) -> Edge {
         let (s, q) = (TAU * u).sin_cos();

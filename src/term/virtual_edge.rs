@@ -37,7 +37,7 @@ use crate::transport::ray::MovingRay;
 use crate::transport::shot::{self, Eye, Shot, Target};
 use crate::transport::walk::Stage;
 use std::borrow::Cow;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 pub const NAME: &str = "virtual_edge";
@@ -81,7 +81,7 @@ impl Round {
         match self {
             Round::Ball(_, s) => TAU * s.radius,
             Round::Wall(_, q) => 2.0 * q.length,
-            Round::Rim(rim) => PI * (rim.x.length() + rim.y.length()),
+            Round::Rim(rim) => rim.length(),
         }
     }
 }
@@ -214,20 +214,11 @@ impl VirtualEdge {
             }
             Some(Round::Ball(shape, s)) => {
                 let curve = Curve::Sphere { c: s.center, r: s.radius };
-                return self.look_at_round(cx, path, v, (*shape, &curve), probability, film, u, rng, emit);
+                return self.look_at_round(cx, path, v, (*shape, curve), (probability, u), film, rng, emit);
             }
             Some(Round::Wall(shape, q)) => {
-                return self.look_at_round(
-                    cx,
-                    path,
-                    v,
-                    (*shape, &Curve::Cylinder(*q)),
-                    probability,
-                    film,
-                    u,
-                    rng,
-                    emit,
-                );
+                let curve = Curve::Cylinder(*q);
+                return self.look_at_round(cx, path, v, (*shape, curve), (probability, u), film, rng, emit);
             }
         };
         let Some((facing, sin)) = faced else { return };
@@ -248,10 +239,9 @@ impl VirtualEdge {
         cx: &mut Context,
         path: &Path,
         v: &Vertex,
-        (shape, curve): (u32, &Curve),
-        probability: f64,
+        (shape, curve): (u32, Curve),
+        (probability, u): (f64, f64),
         film: [f64; 2],
-        u: f64,
         rng: &mut Rng,
         emit: &mut dyn FnMut(&Sample),
     ) {
