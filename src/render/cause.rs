@@ -86,9 +86,11 @@ pub fn is_outlined(p: &Parts<f64>, s: usize) -> bool {
     !matches!(p.surfaces[s], SurfacePart::Null) && !is_smooth(p, s)
 }
 
-/// A cylinder where rays turn, as `term::interfaces` has it.
-pub fn rimmed(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
-    p.shapes.iter().find(|s| matches!(s.kind, ShapeKind::Cylinder { .. }) && is_smooth(p, s.surface))
+/// A tube that mirrors on one side alone, as `term::interfaces` has it.
+pub fn dark_behind(p: &Parts<f64>) -> Option<&ShapePart<f64>> {
+    let one_sided =
+        |s: &ShapePart<f64>| matches!(p.surfaces[s.surface], SurfacePart::Conductor { two_sided: false, .. });
+    p.shapes.iter().find(|s| matches!(s.kind, ShapeKind::Cylinder { .. }) && one_sided(s))
 }
 
 /// What of the scene asks for a term that does not exist for such a motion.

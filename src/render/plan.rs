@@ -3,7 +3,7 @@
 //! loads no grid.
 
 use super::cause::{
-    Cause, cause, has_known_borders, is_outlined, is_smooth, nearest_grid, rimmed, unlit, zero_measure,
+    Cause, cause, dark_behind, has_known_borders, is_outlined, is_smooth, nearest_grid, unlit, zero_measure,
 };
 use crate::error::{Error, Result};
 use crate::math::Dual;
@@ -149,12 +149,12 @@ pub struct Facts {
     pub known_borders: bool,
     /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,
-    /// A ball of glass or a mirror ball, and something outside of it that scatters.
+    /// A ball or cylinder of glass or metal, and something outside of it that scatters.
     pub rims: bool,
     /// Something with an outline (occluder, lamp) can be seen or cast by way of an interface.
     pub beyond_interface: bool,
-    /// An interface that is a cylinder.
-    pub rimmed: bool,
+    /// A tube that mirrors on one side alone.
+    pub dark_behind: bool,
     /// A zero-measure light whose light has to cross an interface.
     pub light_across_interface: bool,
     /// Rough glass of GGX facets, and light without extent, beams too.
@@ -276,7 +276,11 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     );
     let turns = m.facet_ior || m.beam || anything;
     add(turns && !specular && f.facets, &[R], "rough glass cuts light without extent off at some angles");
-    add((anything || specular) && f.rims, &[VE], "segments end at the rims of balls of glass");
+    add(
+        (anything || specular) && f.rims,
+        &[VE],
+        "segments end at the outlines of balls and cylinders of glass or metal",
+    );
     need
 }
 
@@ -414,10 +418,10 @@ impl Plan {
                 miss(Term::S, why, unlit(&parts, remedy));
             }
             let turns = motion.ior || motion.interface || motion.beam;
-            if facts.rimmed && (matter || turns) {
-                let why = "rays turn at a cylinder";
-                let remedy = "make it a mesh of flat faces";
-                miss(Term::VE, why, rimmed(&parts).map(|s| Cause::of_shape(s, remedy)));
+            if facts.dark_behind && (matter || turns) {
+                let why = "a tube mirrors on one side alone";
+                let remedy = "make it two-sided";
+                miss(Term::VE, why, dark_behind(&parts).map(|s| Cause::of_shape(s, remedy)));
             }
             if let Some(m) = nearest_grid(&parts).filter(|_| light || matter) {
                 let why = "a nearest-neighbour grid jumps at every cell face";
@@ -462,17 +466,18 @@ impl Plan {
     }
 }
 
-/// Whether segments between scattering points may end at the rim of a smooth ball: as `term::virtual_edge` has it.
+/// Whether segments between scattering points may end at the outline of a smooth ball or cylinder: as `term::virtual_edge` has it.
 fn rims(p: &Parts<f64>) -> bool {
     let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
     let null = |s: usize| matches!(p.surfaces[s], SurfacePart::Null);
     let fog = |m: Option<usize>| m.is_some();
-    let is_ball = |k: &ShapeKind<f64>, s: usize| matches!(k, ShapeKind::Sphere { .. }) && smooth(s);
+    let is_round =
+        |k: &ShapeKind<f64>, s: usize| matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Cylinder { .. }) && smooth(s);
     let beside = |s: &ShapePart<f64>| {
         let opaque = !null(s.surface) && !smooth(s.surface);
-        opaque || fog(s.exterior) || !is_ball(&s.kind, s.surface) && fog(s.interior)
+        opaque || fog(s.exterior) || !is_round(&s.kind, s.surface) && fog(s.interior)
     };
-    p.shapes.iter().any(|s| is_ball(&s.kind, s.surface))
+    p.shapes.iter().any(|s| is_round(&s.kind, s.surface))
         && (p.shapes.iter().any(beside) || p.sensors.iter().any(|s| fog(s.medium)))
 }
 
@@ -490,7 +495,8 @@ pub fn facts(p: &Parts<f64>) -> Facts {
     let edged = |k: &ShapeKind<f64>| !matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Rectangle | ShapeKind::Disk);
     let outlined = |s: usize| is_outlined(p, s);
     let is_mirror = |s: &ShapePart<f64>| {
-        matches!(s.kind, ShapeKind::Rectangle) && matches!(p.surfaces[s.surface], SurfacePart::Conductor { .. })
+        matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk)
+            && matches!(p.surfaces[s.surface], SurfacePart::Conductor { .. })
     };
     let local = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Point { .. } | LightKindPart::Spot { .. });
     let beam = |k: &LightKindPart<f64>| matches!(k, LightKindPart::Beam { .. });
@@ -526,7 +532,7 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         rims: rims(p),
         // Whatever there is besides, or behind, may be seen in it.
         beyond_interface: p.shapes.iter().any(|s| smooth(s.surface)) && p.shapes.iter().any(|s| outlined(s.surface)),
-        rimmed: p.shapes.iter().any(|s| smooth(s.surface)) && rimmed(p).is_some(),
+        dark_behind: dark_behind(p).is_some(),
         light_across_interface: p.shapes.iter().any(|s| through(s.surface)) && zero_measure_light,
         facets: p.shapes.iter().any(|s| p.surfaces[s.surface].upright().is_some())
             && (zero_measure_light || p.lights.iter().any(|l| beam(&l.kind))),

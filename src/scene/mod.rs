@@ -110,21 +110,30 @@ impl Scene {
         self.is_null(&self.shapes[hit.shape as usize])
     }
 
-    /// Whether light jumps where rays graze the shape: not at balls of glass and mirrors that do not shine, which reflect all of it straight on.
+    /// Whether light jumps where rays graze the shape: not at balls and cylinders of glass, and mirrors, that do not shine, which reflect all of it straight on. One sees into cylinders: those of metal must be two-sided.
     pub fn has_outline(&self, s: &Instance) -> bool {
         let reflects = match &self.surfaces[s.surface as usize] {
             Surface::Null => return false,
             Surface::Dielectric { .. } => true,
-            Surface::Conductor { two_sided, .. } => *two_sided || !s.is_inside_out(),
+            Surface::Conductor { two_sided, .. } => {
+                *two_sided || matches!(s.shape, Shape::Sphere(_)) && !s.is_inside_out()
+            }
             Surface::Diffuse { .. } | Surface::Rough(_) => false,
         };
-        !(reflects && s.light.is_none() && matches!(s.shape, Shape::Sphere(_)))
+        !(reflects && s.light.is_none() && matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_)))
     }
 
     /// Whether it is a disk of smooth metal: its rim is seen, as that of a disk of glass, which bounds a half-space, is not.
     pub fn is_round_mirror(&self, s: &Instance) -> bool {
         let metal = matches!(self.surfaces[s.surface as usize], Surface::Conductor { .. });
         metal && matches!(s.shape, Shape::Disk(_))
+    }
+
+    /// Whether shapes are a rectangle or disk of glass by itself: it bounds a half-space, its border is out of sight.
+    pub fn is_half_space(&self, shapes: &[u32]) -> bool {
+        let &[id] = shapes else { return false };
+        let flat = matches!(self.shapes[id as usize].shape, Shape::Rectangle(_) | Shape::Disk(_));
+        flat && matches!(self.surface_of(id), Surface::Dielectric { .. })
     }
 
     /// Whether the shape does nothing but part media.

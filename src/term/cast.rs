@@ -124,7 +124,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     }
     interfaces::touching(scene)?;
     interfaces::contacts(scene, motion)?;
-    if let Some((a, b)) = cast_border::overlapping(scene, |a, b| motion.class(a) != motion.class(b)) {
+    if let Some((a, b)) = cast_border::overlapping(scene, &motion.rims, |a, b| motion.class(a) != motion.class(b)) {
         let [a, b] = [a, b].map(|k| &scene.shapes[k as usize]);
         let what = format!(
             "edges of `{}` and `{}` lie on each other in part, or move apart, beside glass or mirrors: the shadow that they cast in light without extent cannot be told yet",
@@ -137,7 +137,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         ));
     }
     let delta = (0..scene.lights.len() as u32).filter(|&id| scene.lights[id as usize].is_delta());
-    let borders = cast_border::borders(scene);
+    let borders = cast_border::borders(scene, &motion.rims);
     let sheets: usize = delta.map(|id| count(scene, &borders, id)).sum();
     if sheets > SHEETS {
         let first = &scene.shapes[scene.chains.faces[0].shape as usize];
@@ -164,7 +164,7 @@ impl Casts {
         let slots: Vec<Option<Slot>> = scene.lights.iter().zip(&motion.lights).map(slot).collect();
         let moves = |id: usize| motion.surfaces() || slots[id].is_some();
         let lights = scene.lights.iter().enumerate().filter(|(id, l)| l.is_delta() && moves(*id));
-        let borders = cast_border::borders(scene);
+        let borders = cast_border::borders(scene, &motion.rims);
         let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, &borders, id as u32)).collect();
         sheets.sort_by(|a, b| b.asked.total_cmp(&a.asked));
         let ended = Ended::new(scene, &motion.moving, sheets, slots);

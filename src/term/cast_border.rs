@@ -5,7 +5,7 @@
 
 use super::cast_sheet::Grazed;
 use super::ends;
-use super::rims::rims;
+use super::rims::Rim;
 use crate::math::root::root;
 use crate::math::{DMat3, DVec3, warp};
 use crate::scene::chains::Face;
@@ -246,8 +246,8 @@ pub fn edges(face: &Face) -> impl Iterator<Item = [DVec3; 2]> + '_ {
     border(face.corners())
 }
 
-/// All borders of what is smooth or opaque, each once (edges that opaque shapes share, too), but those within a plane.
-pub fn borders(scene: &Scene) -> Vec<Border> {
+/// All borders of what is smooth or opaque, each once (edges that opaque shapes share, too), but those within a plane; `rims`: of all that moves apart.
+pub fn borders(scene: &Scene, rims: &[Rim]) -> Vec<Border> {
     let mut found: Vec<Border> = Vec::new();
     let mut first = 0;
     let mut add = |shape: u32, face: u32, corners: &[DVec3]| {
@@ -290,8 +290,7 @@ pub fn borders(scene: &Scene) -> Vec<Border> {
             _ => {}
         }
     }
-    // Of any motion: those that part are refused ([`overlapping`]).
-    let opaque_rims = rims(scene, |_| 0).into_iter().filter(|r| !r.shapes().any(|s| scene.surface_of(s).is_smooth()));
+    let opaque_rims = rims.iter().filter(|r| !r.shapes().any(|s| scene.surface_of(s).is_smooth()));
     found.extend(opaque_rims.map(|r| {
         let faces = r.grazed.iter().flat_map(|(shape, names)| names.iter().map(|&n| (*shape, n)));
         Border::round(Line::Rim { c: r.c, x: r.x, y: r.y }, faces)
@@ -312,13 +311,14 @@ pub fn borders_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<Border>
 }
 
 /// Two opaque shapes with borders that lie on each other in part only, or nearly, or all along though they are `apart`: shapes that move differently.
-pub fn overlapping(scene: &Scene, apart: impl Fn(u32, u32) -> bool) -> Option<(u32, u32)> {
+pub fn overlapping(scene: &Scene, rims: &[Rim], apart: impl Fn(u32, u32) -> bool) -> Option<(u32, u32)> {
     let borders: Vec<Border> =
-        borders(scene).into_iter().filter(|b| !scene.surface_of(b.own().0).is_smooth()).collect();
+        borders(scene, rims).into_iter().filter(|b| !scene.surface_of(b.own().0).is_smooth()).collect();
     // Light is asked for beside a border as far as that.
     let slack = 2.0 * ASIDE * scene.bounds.radius();
     let shared = |b: &Border| b.faces.iter().map(|f| f.0).find(|&k| apart(b.own().0, k)).map(|k| (b.own().0, k));
-    if let Some(pair) = borders.iter().find_map(shared) {
+    // Rims that are one stay together.
+    if let Some(pair) = borders.iter().filter(|b| b.ends().is_some()).find_map(shared) {
         return Some(pair);
     }
     borders.iter().enumerate().find_map(|(k, a)| {

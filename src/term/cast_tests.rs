@@ -1,4 +1,5 @@
 use super::super::cast_border::{Line, borders};
+use super::super::rims::rims;
 use super::*;
 use crate::math::rng::Rng;
 use crate::scene::SceneDesc;
@@ -104,7 +105,7 @@ fn light_jumps_at_sheets_alone() {
             });
             each.sum::<f64>()
         };
-        let sheets = of_light(&scene, &borders(&scene), 0);
+        let sheets = of_light(&scene, &borders(&scene, &rims(&scene, |_, _| true)), 0);
         let mut rng = Rng::keyed(7, 0, 0, 0);
         let mut jumps = 0;
         for _ in 0..16 {
@@ -142,6 +143,54 @@ fn light_jumps_at_sheets_alone() {
         }
         println!("{jumps} jumps");
         assert!(jumps > 20, "{jumps}");
+    }
+}
+
+/// Where a closed border begins does not matter: lines beside a rim and lines across it, that meet its sheet twice between two of the places where rays are told, too.
+#[test]
+fn crossings_do_not_depend_on_where_a_rim_begins() {
+    let turned = |degrees: f64, light: &str| {
+        compiled(&format!(
+            r#"<shape type="cube"><transform name="to_world"><scale x="0.9" y="0.7" z="0.6"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.5"/></bsdf></shape>
+      <shape type="disk"><transform name="to_world"><rotate z="1" angle="{degrees}"/><scale x="0.3" y="0.3"/></transform></shape>{light}"#
+        ))
+    };
+    // Light straight from above: places on either side of a line see it alike.
+    let above = r#"<emitter type="directional"><vector name="direction" value="0, 0, -1"/></emitter>"#;
+    let place = 360.0 / AROUND as f64;
+    for light in [LAMP, SUN, above] {
+        let lines: Vec<(DVec3, DVec3)> = (0..24)
+            .flat_map(|k| [0.0, 0.5, 0.3].map(|part| ((k as f64 + part) * place).to_radians()))
+            .flat_map(|angle| [0.9999, 0.99, 0.5].map(|share| (angle, share)))
+            .map(|(angle, share)| {
+                let (sin, cos) = angle.sin_cos();
+                let w = DVec3::new(-sin, cos, 0.0);
+                (DVec3::new(cos, sin, 0.0) * (0.3 * share) - DVec3::Z * 1e-5 - w * 0.4, w)
+            })
+            .collect();
+        let met = |scene: &Scene| {
+            let sheets = of_light(scene, &borders(scene, &rims(scene, |_, _| true)), 0);
+            // Others reach a little past where light comes, by places.
+            let all_around = |s: &Sheet| matches!(&s.pieces[..], [p] if p[0].0 == 0.0 && p[p.len() - 1].0 == 1.0);
+            let of_disk = |s: &&Sheet| matches!(s.border.line, Line::Rim { .. }) && all_around(s);
+            let count = |o, w| {
+                let found = sheets.iter().filter(of_disk).flat_map(|s| s.crossings(scene, o, w, [0.0, 0.8]));
+                let mut at: Vec<f64> = found.map(|c| c.1).collect();
+                at.sort_by(f64::total_cmp);
+                at
+            };
+            lines.iter().map(|&(o, w)| count(o, w)).collect::<Vec<_>>()
+        };
+        let first = met(&turned(0.0, light));
+        let twice = first.iter().filter(|at| at.len() == 2).count();
+        println!("{light}: {twice} of {}", first.len());
+        assert!(twice > 60, "{twice}");
+        for degrees in [0.25, 0.5, 0.75, 7.3].map(|k| k * place) {
+            for (k, (a, b)) in first.iter().zip(met(&turned(degrees, light))).enumerate() {
+                let same = a.len() == b.len() && a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6);
+                assert!(same, "{light} {degrees} {:?}: {a:?}, {b:?}", lines[k]);
+            }
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 //! only, so that there is no derivative. So it is with a medium whose border lies in a face that leaves it.
 
 use super::Motion;
-use super::rims::{Rim, rims};
+use super::rims::Rim;
 use crate::math::DVec3;
 use crate::params::{ParamSet, Slot};
 use crate::scene::nearest::{Kind, Near};
@@ -50,7 +50,7 @@ pub fn find(scene: &Scene, motion: &Motion, params: &ParamSet) -> Option<(u32, u
         let shapes: Vec<u32> = r.shapes().collect();
         stands(scene, motion, params, reach, &shapes, 0, |t| r.edge(t).a)
     };
-    let found = chosen.find_map_first(of_edge).or_else(|| rims(scene, |i| motion.class(i)).iter().find_map(of_rim));
+    let found = chosen.find_map_first(of_edge).or_else(|| motion.rims.iter().find_map(of_rim));
     found.or_else(|| borders(scene, motion, params, reach))
 }
 
@@ -105,7 +105,7 @@ fn stands(
 }
 
 /// Whether two faces have different velocities along n at p, for any parameter.
-fn parts(scene: &Scene, params: &ParamSet, a: [u32; 2], b: [u32; 2], p: DVec3, n: DVec3) -> bool {
+pub fn parts(scene: &Scene, params: &ParamSet, a: [u32; 2], b: [u32; 2], p: DVec3, n: DVec3) -> bool {
     let velocity = |[shape, face]: [u32; 2], p: DVec3, k: usize| {
         let along = |axis: DVec3| {
             let mut sum = 0.0;

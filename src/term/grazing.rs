@@ -12,7 +12,6 @@ use super::ends::{self, ByOrder, Point, Watch};
 use super::frosted::Frosted;
 use super::grazing_line::{Curve, Line, Look, Toward};
 use super::light_walk::{LightWalk, Vertex, seen};
-use super::rims::rims;
 use super::sheet::{Grazed, Partials, Reach};
 use super::wedge::{between, wedge};
 use super::{Context, Motion, Sample};
@@ -123,11 +122,11 @@ impl Edges {
             curved.push(Element { curve, grazed });
             weights.push(size * aim.weight(motion, id, middle));
         }
-        for r in rims(scene, |i| motion.class(i)) {
+        for r in &motion.rims {
             let Some(shape) = r.shapes().next().filter(|_| !r.shapes().any(smooth)) else { continue };
             let size = r.length() * TAU * wedge(&r.edge(0.0)).1;
             weights.push(size * aim.weight(motion, shape, r.c));
-            curved.push(Element { grazed: r.grazed.clone(), curve: Curve::Rim(r) });
+            curved.push(Element { grazed: r.grazed.clone(), curve: Curve::Rim(r.clone()) });
         }
         // Edges without length have no direction; no line grazes them.
         weights.iter_mut().filter(|w| !w.is_finite()).for_each(|w| *w = 0.0);

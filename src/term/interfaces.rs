@@ -1,10 +1,10 @@
 //! What moves beside smooth interfaces and cannot be differentiated yet: refused by name.
 //!
 //! Behind an interface a camera ray turns with the index, with the interface and with the camera, and takes what it meets along (`transport::ray`). The edges of what it sees there, and those of
-//! the interface itself, are [`super::virtual_edge`]'s. What is left are cylinders where rays turn, outlines of balls that are bright from one side alone, and shadows of lights without extent that are cast through it ([`panes`] says where there are none). A smooth
+//! the interface itself, are [`super::virtual_edge`]'s. What is left are outlines of balls and cylinders that are bright from one side alone, and shadows of lights without extent that are cast through it ([`panes`] says where there are none). A smooth
 //! silhouette of glass is no jump: at grazing all light is mirrored, straight on.
 
-use super::rims::{Rim, rims};
+use super::rims::Rim;
 use super::{Motion, cast, contact, ends, panes};
 use crate::error::{Error, Result};
 use crate::light::{Light, LightKind};
@@ -42,13 +42,6 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     if !motion.surfaces() {
         return Ok(());
     }
-    if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| matches!(s.shape, Shape::Cylinder(_))) {
-        let what = format!(
-            "`{}` mirrors or refracts and is a cylinder: what moves beside it cannot be differentiated yet, nor its index",
-            s.name
-        );
-        return Err(Error::scene(&s.span, what, "interfaces may be spheres, rectangles, disks, cubes and meshes here"));
-    }
     if let Some(s) = scene.shapes.iter().filter(smooth).find(|s| s.shape.face_count() > FACETS) {
         let what = format!(
             "`{}` mirrors or refracts and has {} faces: to find the edges seen through so many takes too long",
@@ -73,7 +66,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     }
     touching(scene)?;
     contacts(scene, motion)?;
-    rims_of_balls(scene, motion)?;
+    outlines(scene, motion)?;
     let outer = scene.around(scene.sensors.first()).outer;
     let endless = outer.filter(|&m| scene.environment.is_some() && scene.media[m as usize].density_grid().is_some());
     if let Some(m) = endless {
@@ -140,7 +133,8 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
 /// Whether its outline may be seen by way of an interface.
 fn is_outlined(scene: &Scene, s: &Instance) -> bool {
     let smooth = scene.surfaces[s.surface as usize].is_smooth();
-    !scene.is_null(s) && (!smooth || s.light.is_some() || matches!(s.shape, Shape::Sphere(_)) && scene.has_outline(s))
+    let round = matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_));
+    !scene.is_null(s) && (!smooth || s.light.is_some() || round && scene.has_outline(s))
 }
 
 /// Whether [`super::virtual_edge`] knows all of its outline.
@@ -226,9 +220,7 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
         let edge = edges.get(scene, i);
         let own: Vec<(u32, u32)> = edge.sides().map(|s| (s.0, s.1)).collect();
         let of_glass = own.iter().any(|f| smooth(f.0));
-        let first = &scene.shapes[own[0].0 as usize];
-        let open = own.len() == 1 && matches!(first.shape, Shape::Rectangle(_));
-        let half_space = open && matches!(scene.surfaces[first.surface as usize], Surface::Dielectric { .. });
+        let half_space = own.len() == 1 && scene.is_half_space(&[own[0].0]);
         let meets = |s: u32, f: u32| match (of_glass, half_space) {
             (false, _) => smooth(s),
             (true, true) => s != own[0].0,
@@ -242,18 +234,14 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
     };
     let of_rim = |rim: &Rim| {
         let own: Vec<u32> = rim.shapes().collect();
-        let of_glass = own.iter().position(|&s| matches!(scene.surface_of(s), Surface::Dielectric { .. }));
-        // The rim of a half-space of glass is out of sight.
-        if let (Some(k), true) = (of_glass, own.len() > 1) {
-            return Some((own[k], own[usize::from(k == 0)]));
-        }
-        let meets = |s: u32, _: u32| (smooth(s) || of_glass.is_some()) && !own.contains(&s);
+        let half_space = scene.is_half_space(&own);
+        let meets = |s: u32, _: u32| (smooth(s) || half_space) && !own.contains(&s);
         PLACES.iter().find_map(|&u| {
             let near = scene.nearest_point(Kind::Opaque, rim.edge(u).a, ends::contact(scene), &meets)?;
             Some((own[0], near.shape))
         })
     };
-    let of_rims = || rims(scene, |i| motion.class(i)).iter().find_map(of_rim);
+    let of_rims = || motion.rims.iter().find_map(of_rim);
     let Some((a, b)) = (0..edges.len()).into_par_iter().find_map_first(touched).or_else(of_rims) else {
         return Ok(());
     };
@@ -264,12 +252,7 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
         name(a),
         name(b)
     );
-    let open = |k: u32| {
-        let s = &scene.shapes[k as usize];
-        let pane = matches!(s.shape, Shape::Rectangle(_) | Shape::Disk(_));
-        pane && matches!(scene.surfaces[s.surface as usize], Surface::Dielectric { .. })
-    };
-    let remedy = if open(a) || open(b) {
+    let remedy = if scene.is_half_space(&[a]) || scene.is_half_space(&[b]) {
         "a rectangle or disk of glass bounds a half-space: let it reach beyond all that stands in it, or make a body of it (a cube, a closed mesh)"
     } else {
         "leave a gap between them (a ten-thousandth of their size is enough)"
@@ -277,19 +260,19 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
     Err(Error::scene(span, what, remedy))
 }
 
-/// Light that a ball mirrors straight on at its rim has scattered once more than what passes beside it: it jumps where that counts.
-fn rims_of_balls(scene: &Scene, motion: &Motion) -> Result<()> {
+/// Light that a ball, or a wall (cylinder), mirrors straight on at its outline has scattered once more than what passes beside it: it jumps where that counts.
+fn outlines(scene: &Scene, motion: &Motion) -> Result<()> {
     let set = &scene.settings;
     let smooth = |s: &Instance| scene.surfaces[s.surface as usize].is_smooth();
     let several = scene.shapes.iter().filter(|s| smooth(s)).count() > 1;
-    // Seen by the camera itself, or by way of another interface; other rims are `virtual_edge`'s.
-    let ball = |i: &usize| {
+    // Seen by the camera itself, or by way of another interface; others are `virtual_edge`'s.
+    let round = |i: &usize| {
         let s = &scene.shapes[*i];
         let moves = several || motion.moving.camera || motion.moves(*i as u32);
-        smooth(s) && matches!(s.shape, Shape::Sphere(_)) && moves
+        smooth(s) && matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_)) && moves
     };
     let opaque = scene.shapes.iter().any(|s| !scene.is_null(s) && !smooth(s));
-    for s in (0..scene.shapes.len()).filter(ball).map(|i| &scene.shapes[i]) {
+    for s in (0..scene.shapes.len()).filter(round).map(|i| &scene.shapes[i]) {
         let fog = s.exterior.filter(|_| s.boundary).or_else(|| scene.outer_medium(s.shape.bounds().max * 2.0, None));
         let scatters = fog.is_some_and(|m| scene.media[m as usize].sigma_s.max() > 0.0);
         let jumps = set.hide_emitters
@@ -298,7 +281,7 @@ fn rims_of_balls(scene: &Scene, motion: &Motion) -> Result<()> {
             || (scatters || opaque || several) && set.max_depth < u32::MAX;
         if jumps {
             let what = format!(
-                "at the rim of `{}` light counts one scattering more than beside it, and some numbers of scatterings are left out: how the rim moves cannot be told yet",
+                "at the outline of `{}` light counts one scattering more than beside it, and some numbers of scatterings are left out: how the outline moves cannot be told yet",
                 s.name
             );
             return Err(Error::scene(

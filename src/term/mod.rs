@@ -60,6 +60,7 @@ use crate::transport::attach::InnerBorders;
 use crate::transport::motion::Moving;
 use cuts::Cuts;
 use edge_set::EdgeSet;
+use rims::{Rim, rims, stay_together};
 use std::sync::{Arc, OnceLock};
 
 /// One sample of a boundary term.
@@ -96,6 +97,7 @@ pub struct Motion {
     /// A lamp that light passes through, where it or anything else moves.
     glowing_null: Option<String>,
     edges: OnceLock<Arc<EdgeSet>>,
+    rims: Vec<Rim>,
     /// Pairs of shapes that pass through each other, or twice the same.
     crossed: Vec<(u32, u32)>,
 }
@@ -126,7 +128,9 @@ impl Motion {
             _ => None,
         };
         let facets = scene.surfaces.iter().map(facets).collect();
-        let mut motion = Motion { lights, moving, facets, glowing_null, edges: OnceLock::new(), crossed: Vec::new() };
+        let rims = rims(scene, |rim, shape| stay_together(scene, params, rim, shape));
+        let (edges, crossed) = (OnceLock::new(), Vec::new());
+        let mut motion = Motion { lights, moving, facets, glowing_null, edges, rims, crossed };
         // Where lights alone move, glass and mirrors may end where others pass through them.
         let ends = || scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
         if motion.surfaces() || motion.lights.iter().any(|l| l.position || l.direction) && ends() {

@@ -1,7 +1,9 @@
 //! Rims of disks and cylinders: edges that are circles (a disk's: any ellipse). Rims that coincide are one, whichever shapes they belong to (a can of a cylinder and two
-//! disks), as long as they move alike.
+//! disks), as long as they stay together, however their shapes move.
 
-use crate::math::DVec3;
+use super::contact;
+use crate::math::{DVec3, warp};
+use crate::params::ParamSet;
 use crate::scene::Scene;
 use crate::shape::Shape;
 use crate::shape::edges::{Edge, Side};
@@ -9,6 +11,8 @@ use std::f64::consts::{PI, TAU};
 
 /// Circles of different shapes within this share of the scene's radius, and of a right angle, are one.
 const WELD: f64 = 1e-9;
+/// Places where two are asked whether they stay together: what moves a circle in its plane or out of it, linearly, differs at some of them.
+const PLACES: u32 = 8;
 
 /// The ellipse `c + x cos + y sin` and what ends in it.
 #[derive(Clone, Debug)]
@@ -72,6 +76,11 @@ impl Rim {
         self.sides.iter().map(|k| k.shape)
     }
 
+    /// Whether it is that of a half-space ([`Scene::is_half_space`]): out of sight.
+    pub fn bounds_half_space(&self, scene: &Scene) -> bool {
+        matches!(self.sides[..], [k] if scene.is_half_space(&[k.shape]))
+    }
+
     pub fn is_shared(&self) -> bool {
         self.sides.len() > 1
     }
@@ -91,9 +100,18 @@ impl Rim {
     }
 }
 
-/// Of everything that does more than part media; `class`: shapes that move alike have the same.
-pub fn rims(scene: &Scene, class: impl Fn(u32) -> u32) -> Vec<Rim> {
-    let mut list: Vec<(Rim, u32)> = Vec::new();
+/// Whether a rim and one of another shape in its place move alike, but along themselves.
+pub fn stay_together(scene: &Scene, params: &ParamSet, rim: &Rim, shape: u32) -> bool {
+    let first = rim.sides[0].shape;
+    (0..PLACES).map(|k| rim.edge(f64::from(k) / f64::from(PLACES))).all(|e| {
+        let (x, y) = warp::frame((e.b - e.a).normalize());
+        [x, y].into_iter().all(|n| !contact::parts(scene, params, [first, 0], [shape, 0], e.a, n))
+    })
+}
+
+/// Of everything that does more than part media; `alike`: whether one moves as a shape does that has one in its place.
+pub fn rims(scene: &Scene, alike: impl Fn(&Rim, u32) -> bool) -> Vec<Rim> {
+    let mut list: Vec<Rim> = Vec::new();
     let size = scene.bounds.radius();
     for (i, s) in scene.shapes.iter().enumerate() {
         let id = i as u32;
@@ -103,13 +121,12 @@ pub fn rims(scene: &Scene, class: impl Fn(u32) -> u32) -> Vec<Rim> {
         let mut add = |c, (x, y), inward, name| {
             let side = RimSide { shape: id, inward };
             let rim = Rim { c, x, y, sides: vec![side], grazed: vec![(id, vec![name])] };
-            let class = class(id);
-            match list.iter_mut().find(|(r, k)| *k == class && r.is_same(&rim, size)) {
-                Some((shared, _)) => {
+            match list.iter_mut().find(|r| r.is_same(&rim, size) && alike(r, id)) {
+                Some(shared) => {
                     shared.sides.push(side);
                     shared.grazed.extend(rim.grazed);
                 }
-                None => list.push((rim, class)),
+                None => list.push(rim),
             }
         };
         match &s.shape {
@@ -126,5 +143,5 @@ pub fn rims(scene: &Scene, class: impl Fn(u32) -> u32) -> Vec<Rim> {
             _ => {}
         }
     }
-    list.into_iter().map(|(r, _)| r).collect()
+    list
 }

@@ -10,7 +10,7 @@
 //! * straight from vertices that are seen by way of interfaces; and from all vertices past edges and balls that are smooth themselves.
 //!
 //! Straight lines have sides of their own: one that ends on a smooth face holds its direction, one that ends at a vertex D has (25), whose share vanishes for D on the edge's own
-//! face. Along the rim of a ball of glass both sides see the same light, as all is mirrored straight on, but where it ends is told in two ways, and they move
+//! face. Along the outline of a ball or wall of glass both sides see the same light, as all is mirrored straight on, but where it ends is told in two ways, and they move
 //! differently.
 
 use super::aim::{Aimed, From, Interfaces};
@@ -19,7 +19,7 @@ use super::ends::{self, Point};
 use super::facing::{Facing, Outline};
 use super::grazing_line::{Curve, seen_on};
 use super::known_chains::KnownChains;
-use super::rims::{Rim, rims};
+use super::rims::Rim;
 use super::seen_path::{Path, Vertex};
 use super::sheet::Partials;
 use super::shown::Spot;
@@ -31,7 +31,6 @@ use crate::math::{DVec3, Rgb};
 use crate::scene::{Hit, Instance, Scene};
 use crate::sensor::Sensor;
 use crate::shape::{Cylinder, Shape, Sphere};
-use crate::surface::Surface;
 use crate::transport::first::FilmLine;
 use crate::transport::ray::MovingRay;
 use crate::transport::shot::{self, Eye, Shot, Target};
@@ -86,12 +85,12 @@ impl Round {
     }
 }
 
-/// Whether anything straight before the rim of a ball scatters light: not what only balls hold.
-fn sees_rims(scene: &Scene, is_ball: impl Fn(&Instance) -> bool) -> bool {
+/// Whether anything straight before the outline of a smooth ball or wall scatters light: not what only those hold.
+fn sees_outlines(scene: &Scene, is_round: impl Fn(&Instance) -> bool) -> bool {
     let fog = |m: Option<u32>| m.is_some_and(|m| !scene.media[m as usize].sigma_s.is_zero());
     let beside = |s: &Instance| {
         let opaque = !scene.is_null(s) && !scene.surfaces[s.surface as usize].is_smooth();
-        opaque || s.boundary && (fog(s.exterior) || !is_ball(s) && fog(s.interior))
+        opaque || s.boundary && (fog(s.exterior) || !is_round(s) && fog(s.interior))
     };
     scene.shapes.iter().any(beside) || scene.sensors.iter().any(|s| fog(s.medium))
 }
@@ -114,20 +113,18 @@ impl VirtualEdge {
         let length = |i: usize| {
             let ends = edges.ends(scene, i);
             // The border of an open interface is out of sight: beyond it light would be of no medium.
-            let half_space = |id: u32| {
-                let s = &scene.shapes[id as usize];
-                let open = matches!(s.shape, Shape::Rectangle(_));
-                open && matches!(scene.surfaces[s.surface as usize], Surface::Dielectric { .. })
-            };
+            let half_space = |id: u32| scene.is_half_space(&[id]);
             let border = ends.pair.is_none() && edges.any(i, half_space) && edges.get(scene, i).edge.sides.len() < 2;
             let length = (ends.b - ends.a).length();
             if border || !length.is_finite() { 0.0 } else { length }
         };
         let lengths: Vec<f64> = (0..edges.len()).map(length).collect();
         let smooth = |i: u32| is_smooth(scene, i);
-        let is_smooth_ball =
-            |s: &Instance| matches!(s.shape, Shape::Sphere(_)) && scene.surfaces[s.surface as usize].is_smooth();
-        let seen = sees_rims(scene, is_smooth_ball);
+        let is_round = |s: &Instance| {
+            let round = matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_));
+            round && scene.surfaces[s.surface as usize].is_smooth()
+        };
+        let seen = sees_outlines(scene, is_round);
         let camera = From::camera(sensor, margin);
         // Within a ball that lets no light out no way grazes it.
         let holds_all = |s: &Instance| match (&s.shape, &camera.eye) {
@@ -140,12 +137,12 @@ impl VirtualEdge {
             let opaque = !smooth(i) && !scene.is_null(s);
             match s.shape {
                 Shape::Sphere(q) if if smooth(i) { seen } else { opaque && !holds_all(s) } => Some(Round::Ball(i, q)),
-                Shape::Cylinder(q) if opaque => Some(Round::Wall(i, q)),
+                Shape::Cylinder(q) if if smooth(i) { seen } else { opaque } => Some(Round::Wall(i, q)),
                 _ => None,
             }
         };
-        let has_rim = |i: u32| !smooth(i) || scene.is_round_mirror(&scene.shapes[i as usize]);
-        let of_rims = rims(scene, |i| motion.class(i)).into_iter().filter(|r| r.shapes().all(has_rim)).map(Round::Rim);
+        // That of a half-space is out of sight, like its border.
+        let of_rims = motion.rims.iter().filter(|r| !r.bounds_half_space(scene)).cloned().map(Round::Rim);
         let round: Vec<Round> = (0..).zip(&scene.shapes).filter_map(of_shape).chain(of_rims).collect();
         let with_round = |edge: &dyn Fn(usize) -> bool, other: &dyn Fn(&Round) -> bool| {
             let edges = lengths.iter().enumerate().map(|(i, &l)| if edge(i) { l } else { 0.0 });
@@ -156,8 +153,8 @@ impl VirtualEdge {
         // Rays of a camera that stands still, by interfaces that do.
         let still = moving.film_ray().is_still() && !interfaces.list.iter().any(turns);
         let slides = |i: usize| !still || edges.any(i, |s| moving.moves(s));
-        // Light is the same on both sides of a smooth ball's rim.
-        let parts = |r: &Round| !matches!(r, Round::Ball(i, _) if smooth(*i));
+        // Light is the same on both sides of a smooth outline.
+        let parts = |r: &Round| !matches!(r, Round::Ball(i, _) | Round::Wall(i, _) if smooth(*i));
         let from_camera = with_round(&slides, &|r| parts(r) && (!still || r.any(|i| moving.moves(i))));
         let mut known = KnownChains::default();
         if from_camera.total > 0.0 {

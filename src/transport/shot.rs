@@ -45,6 +45,8 @@ pub const TO_EDGES: [f64; 2] = [0.4, 0.7];
 pub const TO_LIT: [f64; 2] = [0.75, 0.75];
 /// A ray goes either way at least so often.
 const EITHER: f64 = 0.15;
+/// How much oftener chains may be drawn than their light counts. Glass reflects 4 % inside of it, and chains of many such turns are as hard to find again as they are dark.
+const OFTENER: f64 = 16.0;
 
 /// The face of a step by a mesh that vertex normals make one smooth surface: whichever the ray meets.
 const ANY: u32 = u32::MAX;
@@ -637,6 +639,8 @@ pub fn steps(scene: &Scene, chain: &[Specular]) -> Vec<Step> {
 pub struct Drawn {
     pub shot: Shot,
     chain: Vec<Step>,
+    /// Probability that it was kept.
+    kept: f64,
 }
 
 /// Of chains that `is_known` does not hold.
@@ -655,7 +659,21 @@ pub fn draw(
         return None;
     }
     let shot = by(scene, eye, start, place, &chain, target)?;
-    Some(Drawn { shot, chain })
+    let kept = kept(scene, &shot.chain);
+    (kept >= 1.0 || rng.uniform() < kept).then_some(Drawn { shot, chain, kept })
+}
+
+/// What is kept of chains that are drawn much oftener than light takes them.
+pub fn kept(scene: &Scene, chain: &[Specular]) -> f64 {
+    let over = |s: &Specular| {
+        let surface = scene.surface_of(s.hit.shape);
+        let [Some(mirrored), Some(_)] = surface.rays(s.n, s.w) else { return 1.0 };
+        let own = mirrored.weight.mean();
+        let drawn = own.clamp(EITHER, 1.0 - EITHER);
+        if s.through { (1.0 - own) / (1.0 - drawn) } else { own / drawn }
+    };
+    let share: f64 = chain.iter().map(over).map(|r| r.min(1.0)).product();
+    (OFTENER * share).min(1.0)
 }
 
 impl Drawn {
@@ -670,7 +688,8 @@ impl Drawn {
         random: impl FnMut(&mut Rng) -> Option<Start>,
     ) -> Option<f64> {
         let size = (self.shot.e - self.shot.start.o).length();
-        trials(scene, eye, place, (&self.chain, target, TO_EDGES), (self.shot.start, size), rng, random)
+        let drawn = trials(scene, eye, place, (&self.chain, target, TO_EDGES), (self.shot.start, size), rng, random);
+        drawn.map(|k| k / self.kept)
     }
 }
 

@@ -34,7 +34,7 @@ const NO: Facts = Facts {
     known_borders: false,
     polygonal_dielectric: false,
     rims: false,
-    rimmed: false,
+    dark_behind: false,
     beyond_interface: false,
     light_across_interface: false,
     facets: false,

@@ -501,7 +501,7 @@ fn outlines_by_way_of_glass_are_refused() {
         "<integrator type=\"volpath\">",
         "<integrator type=\"volpath\"><boolean name=\"hide_emitters\" value=\"true\"/>",
     );
-    rejected(&hidden, "x", "at the rim of");
+    rejected(&hidden, "x", "at the outline of");
     rejected(&MIRROR.replace(r#"<scale value="40"/>"#, r#"<scale value="0.5"/>"#), "bx", "falls over the border");
     rejected(&MIRROR.replace(r#"<translate y="2.6"/>"#, r#"<translate y="4"/>"#), "bx", "begins inside a medium");
     let with = |more: &str| ball().replace("</scene>", &format!("{more}</scene>"));
@@ -510,11 +510,11 @@ fn outlines_by_way_of_glass_are_refused() {
     refused(&with(plate), "cam", "plate");
     // One scattering more at the rim, of a finite number.
     let floor = plate.replace("disk", "rectangle");
-    rejected(&with(&floor), "cam", "at the rim of");
+    rejected(&with(&floor), "cam", "at the outline of");
     let point = r#"<emitter type="point" id="lamp"><point name="position" value="0, 3, 0"/></emitter>"#;
     refused(&with(point), "ior", "lamp");
     let block = r#"<shape type="cube" id="block"><transform name="to_world"><translate x="3"/></transform><bsdf type="dielectric"/></shape>"#;
-    rejected(&with(block), "ior", "at the rim of");
+    rejected(&with(block), "ior", "at the outline of");
     let block = block.replace("dielectric", "diffuse").replace("block", "box");
     let slab = r#"<shape type="cube" id="slab"><transform name="to_world"><scale value="2"/><translate x="3" y="-3"/></transform><bsdf type="dielectric"/></shape>"#;
     rejected(&with(&format!("{block}{slab}")), "ior", "touches");

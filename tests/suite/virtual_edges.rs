@@ -3,6 +3,7 @@
 use crate::common::{against_differences, derivatives, difference, job, params, scene};
 use tyndall::math::Rgb;
 use tyndall::render::driver::{Job, Mode};
+use tyndall::render::plan::Plan;
 use tyndall::scene::compile::Orders;
 
 /// A lamp behind a plane of glass.
@@ -280,6 +281,89 @@ fn round_things_behind_a_pane() {
         );
     against_differences(&text, &[("ior", 0.02), ("x", 0.03), ("h", 0.03), ("cam", 0.03)], &["all"], 1 << 12, 0.02);
     needs_the_room(&text, "ior", 0.02, 1 << 13);
+}
+
+/// A rod (a cylinder of glass, closed by disks), and tubes and cans, before a panel in a sky.
+fn rod(shapes: &[(&str, &str, &str)]) -> String {
+    let place = r#"<rotate z="1" angle="25"/><translate x="$x" y="0.1"/>"#;
+    let shape = |&(kind, bsdf, media): &(&str, &str, &str)| {
+        let to_world = |own: &str| format!(r#"<transform name="to_world">{own}{place}</transform>"#);
+        let own = match kind {
+            "wall" => format!(
+                r#"<shape type="cylinder">{}<point name="p0" value="0, -0.6, 0"/><point name="p1" value="0, 0.6, 0"/><float name="radius" value="$r"/>"#,
+                to_world("")
+            ),
+            _ => {
+                let (turn, y) = if kind == "top" { (-90, 0.6) } else { (90, -0.6) };
+                let own = format!(r#"<scale value="$r"/><rotate x="1" angle="{turn}"/><translate y="{y}"/>"#);
+                format!(r#"<shape type="disk">{}"#, to_world(&own))
+            }
+        };
+        format!("{own}{bsdf}{media}</shape>")
+    };
+    let shapes: String = shapes.iter().map(shape).collect();
+    let index = if shapes.contains("$ior") { r#"<default name="ior" value="1.3"/>"# } else { "" };
+    format!(
+        r#"<scene version="3.0.0">{index}<default name="x" value="0"/><default name="r" value="0.4"/><default name="cam" value="0.9"/>
+  <integrator type="volpath"><integer name="max_depth" value="-1"/></integrator>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="1.0,1.4,0.7"/><float name="albedo" value="0.8"/><phase type="hg"><float name="g" value="0.3"/></phase></medium>
+  <sensor type="perspective"><float name="fov" value="36"/><transform name="to_world"><lookat origin="$cam, 1.2, 3.6" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  {shapes}<shape type="rectangle"><transform name="to_world"><scale value="1.2"/><rotate z="1" angle="20"/><translate x="0.4" y="0.3" z="-1.8"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf><emitter type="area"><rgb name="radiance" value="3,2,1"/></emitter></shape>
+  <emitter type="constant"><rgb name="radiance" value="0.4,0.3,0.5"/></emitter></scene>"#
+    )
+}
+
+const GLASS: &str =
+    r#"<bsdf type="dielectric"><float name="int_ior" value="$ior"/><float name="ext_ior" value="1"/></bsdf>"#;
+const METAL: &str = r#"<bsdf type="twosided"><bsdf type="conductor"><rgb name="eta" value="0.3,0.2,0.5"/><float name="k" value="2"/></bsdf></bsdf>"#;
+const PAINT: &str =
+    r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.7,0.4,0.2"/></bsdf></bsdf>"#;
+const HOLDS_FOG: &str = r#"<ref name="interior" id="fog"/>"#;
+
+#[test]
+fn rods_of_glass() {
+    let clear = rod(&[("wall", GLASS, ""), ("top", GLASS, ""), ("bottom", GLASS, "")]);
+    against_differences(&clear, &[("ior", 0.02), ("x", 0.03), ("r", 0.02), ("cam", 0.04)], &["all"], 1 << 12, 0.02);
+    needs_the_room(&clear, "ior", 0.02, 1 << 13);
+    needs_the_room(&clear, "r", 0.02, 1 << 13);
+    let fog = rod(&[("wall", GLASS, HOLDS_FOG), ("top", GLASS, HOLDS_FOG), ("bottom", GLASS, HOLDS_FOG)]);
+    against_differences(&fog, &[("ior", 0.02), ("x", 0.03), ("r", 0.02)], &["all"], 1 << 12, 0.02);
+}
+
+#[test]
+fn tubes_and_cans_of_metal() {
+    for shapes in [vec![("wall", METAL, "")], vec![("top", METAL, ""), ("wall", METAL, ""), ("bottom", METAL, "")]] {
+        let text = rod(&shapes);
+        against_differences(&text, &[("x", 0.03), ("r", 0.02), ("cam", 0.04)], &["all"], 1 << 12, 0.02);
+        needs_the_room(&text, "r", 0.02, 1 << 12);
+    }
+}
+
+/// Rims that glass or metal shares with what is opaque, whichever comes first.
+#[test]
+fn rims_of_two_kinds() {
+    for [lid, wall] in [[METAL, PAINT], [GLASS, PAINT], [PAINT, GLASS]] {
+        let shapes = [("top", lid, ""), ("wall", wall, ""), ("bottom", lid, "")];
+        for shapes in [shapes, [shapes[1], shapes[0], shapes[2]]] {
+            let text = rod(&shapes);
+            against_differences(&text, &[("x", 0.03), ("r", 0.02)], &["all"], 1 << 12, 0.02);
+        }
+    }
+}
+
+/// One looks into a tube.
+#[test]
+fn metal_of_one_side_is_refused() {
+    let one_sided = METAL.replace(r#"<bsdf type="twosided">"#, "").replacen("</bsdf>", "", 1);
+    let (desc, sc) = scene(&rod(&[("wall", &one_sided, "")]));
+    let names = ["x".to_string()];
+    let told = Plan::new(&desc, &names).and_then(|p| p.refuse()).unwrap_err().to_string();
+    assert!(told.contains("one side alone") && told.contains("two-sided"), "{told}");
+    let p = sc.param_set(&desc, &names).unwrap();
+    let told = job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(told.contains("outline"), "{told}");
 }
 
 #[test]
