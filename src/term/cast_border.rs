@@ -179,13 +179,13 @@ impl Border {
                 Some(Place { z, comes: comes(z)?, along: (b - a).normalize() })
             }
             Line::Rim { c, x, y } => {
-                let (sin, cos) = (TAU * s).sin_cos();
+                let (sin, cos) = turn(s);
                 let z = c + x * cos + y * sin;
                 Some(Place { z, comes: comes(z)?, along: (y * cos - x * sin).normalize() })
             }
             Line::Ball { c, r, axes } => {
                 let [pole, x, y] = axes?;
-                let (sin, cos) = (TAU * s).sin_cos();
+                let (sin, cos) = turn(s);
                 touch([pole, x * cos + y * sin], |n| c + n * r, comes)
             }
             Line::Wall { q, left } => {
@@ -203,7 +203,7 @@ impl Border {
         match self.line {
             Line::Edge(_) => Some(self.length()),
             Line::Rim { x, y, .. } => {
-                let (sin, cos) = (TAU * s).sin_cos();
+                let (sin, cos) = turn(s);
                 Some(TAU * (y * cos - x * sin).length())
             }
             Line::Ball { .. } | Line::Wall { .. } => {
@@ -217,6 +217,11 @@ impl Border {
             }
         }
     }
+}
+
+/// Sine and cosine at a share of a turn: the very same at both of its ends.
+fn turn(s: f64) -> (f64, f64) {
+    (TAU * (s - s.floor())).sin_cos()
 }
 
 /// Where light leaves a round surface, on half a turn of its normals from the first axis by the second to the opposite of the first.

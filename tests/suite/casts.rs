@@ -132,6 +132,39 @@ fn light_past_round_things_against_differences() {
     compare(&scene_of(4, &format!("{own}{}{round}", block(FOGGY)), LAMP), &[("n", 0.02), ("ball", 0.03)], 1 << 14);
 }
 
+/// Borders that see each other's jump, and those that nobody knows.
+#[test]
+fn round_things_that_meet_are_refused() {
+    let told = |bodies: &str| {
+        let text = scene_of(4, &format!("{}{bodies}", block(FOGGY)), LAMP);
+        let (desc, sc) = scene(&text);
+        let p = sc.param_set(&desc, &["n".to_string()]).unwrap();
+        job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    let disk = |z: f64, turn: f64| {
+        format!(
+            r#"<shape type="disk"><transform name="to_world"><rotate z="1" angle="{turn}"/><scale value="0.2"/><translate z="{z}"/></transform></shape>"#
+        )
+    };
+    let two = |gap: f64| told(&format!("{}{}", disk(0.1, 0.0), disk(0.1 + gap, 20.0)));
+    assert!(two(1e-6).contains("lie on each other"), "{}", two(1e-6));
+    assert_eq!(two(1e-3), "");
+    let ball = |y: f64| {
+        told(&format!(
+            r#"<shape type="sphere"><point name="center" value="0, {y}, 0"/><float name="radius" value="0.2"/></shape>"#
+        ))
+    };
+    // Its centre in a face.
+    let (sin, cos) = 20f64.to_radians().sin_cos();
+    let sunk = told(&format!(
+        r#"<shape type="sphere"><point name="center" value="{}, {}, 0"/><float name="radius" value="0.2"/></shape>"#,
+        0.7 * -sin,
+        0.7 * cos
+    ));
+    assert!(sunk.contains("pass through each other"), "{sunk}");
+    assert_eq!(ball(0.1), "");
+}
+
 #[test]
 fn light_of_a_mirror_against_differences() {
     let mirror = r#"<shape type="rectangle" id="mirror"><transform name="to_world"><scale value="0.5"/><rotate y="1" angle="20"/><rotate y="1" angle="$tilt"/><translate z="$h"/></transform><bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape>"#;

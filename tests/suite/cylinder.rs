@@ -518,16 +518,16 @@ fn through_rod(x: f64, [n, r, c, d]: [f64; 4]) -> (f64, f64) {
     (p[0] - (p[1] + d) * (2.0 * turn).tan(), passed * passed)
 }
 
-/// The edge of a lamp through a rod, and in a mirror that is one: by the index, the radius, and the places of rod and edge.
+/// The edge of a lamp through a rod: by the index, the radius, and the places of rod and edge. What is mirrored twice within, less than 3e-4 of it (by the index 0.4 %), is left out of the formula.
 #[test]
 fn the_edge_of_a_lamp_through_a_rod() {
     let (half, r) = (0.3, 0.5);
     let text = format!(
         r#"<scene version="3.0.0"><default name="n" value="1.3"/><default name="r" value="{r}"/><default name="c" value="0.02"/><default name="d" value="3"/><default name="edge" value="0.1"/>
-  <integrator type="path"><integer name="max_depth" value="3"/></integrator>{}
+  <integrator type="path"><integer name="max_depth" value="-1"/></integrator>{}
   <shape type="cylinder"><point name="p0" value="$c, -9, 0"/><point name="p1" value="$c, 9, 0"/><float name="radius" value="$r"/>
     <bsdf type="dielectric"><float name="int_ior" value="$n"/><float name="ext_ior" value="1"/></bsdf></shape>
-  <shape type="rectangle"><transform name="to_world"><translate x="-1"/><scale x="50" y="50"/><translate x="$edge"/><translate z="-$d"/></transform>
+  <shape type="rectangle"><transform name="to_world"><translate x="-1"/><scale x="2"/><translate x="$edge"/><translate z="-$d"/></transform>
     <bsdf type="diffuse"><float name="reflectance" value="0"/></bsdf><emitter type="area"><float name="radiance" value="1"/></emitter></shape></scene>"#,
         window(half, r#"<lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/>"#, "")
     )
@@ -547,7 +547,7 @@ fn the_edge_of_a_lamp_through_a_rod() {
     let at = [1.3, r, 0.02, -3.0, 0.1];
     assert!(seen(at) > 0.3 && seen(at) < 0.6, "{}", seen(at));
     check("the lamp", &picture(&text, 1 << 12), seen(at), 0.02);
-    let found = all(&text, &names, 1 << 14);
+    let found = all(&text, &names, 1 << 19);
     for (k, name) in names.iter().enumerate() {
         let truth = slope(|x| seen(std::array::from_fn(|i| if i == k { x } else { at[i] })), at[k]);
         check(name, &found[k], truth, 0.03);

@@ -94,12 +94,13 @@ fn balls_above_and_in_a_block_against_differences() {
     compare(&scene_of(ALL, 6, &bodies, SUN), &[("n", 0.01), ("x", 0.1), ("r", 0.02)], &["n", "x", "r"], 1 << 14);
 }
 
-/// The same of a tube above, and a plate in the block.
+/// The same of a tube above with one lid, whose radius is also the tube's, and a plate in the block.
 #[test]
 fn round_things_above_and_in_a_block_against_differences() {
     let tube = r#"<shape type="cylinder"><point name="p0" value="$bar, 0, 0.7"/><point name="p1" value="$bar, 0.3, 1.2"/><float name="radius" value="$r"/><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
     let plate = r#"<shape type="disk"><transform name="to_world"><scale value="0.2"/><rotate x="1" angle="20"/><translate x="0.15" y="-0.05"/></transform><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
-    let bodies = format!("{}{FLOOR}{tube}{plate}", block(""));
+    let lid = r#"<shape type="disk"><transform name="to_world"><scale value="$r"/><lookat origin="$bar, 0.3, 1.2" target="$bar, 0.6, 1.7" up="1, 0, 0"/></transform><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
+    let bodies = format!("{}{FLOOR}{tube}{lid}{plate}", block(""));
     let place = [("n", 0.01), ("x", 0.1), ("bar", 0.05), ("r", 0.02)];
     compare(&scene_of(ALL, 6, &bodies, LAMP), &place, &["n", "x", "bar", "r"], 1 << 14);
 }
