@@ -143,8 +143,10 @@ pub struct Facts {
     /// The density of some medium jumps at a visible border (its box, its shape).
     pub border_jump: bool,
     pub dielectric: bool,
-    /// All glass and metal is rectangles, and disks of glass, and all that is opaque rectangles.
+    /// All glass and metal is rectangles, and disks of glass.
     pub only_panes: bool,
+    /// All that is opaque is rectangles.
+    pub opaque_rectangles: bool,
     /// All that casts shadows, glass too, has known borders.
     pub known_borders: bool,
     /// A dielectric or mirror with facets or other edges.
@@ -373,7 +375,9 @@ impl Plan {
             // By way of flat faces all light of lights without extent is known, where they are parallel and nothing casts shadows (`term::panes` sees to that), or all shadows have straight borders (`term::cast`).
             let turns = motion.camera || motion.ior || motion.interface;
             let moved = motion.opaque || motion.area_light;
-            let known = (facts.only_panes && !moved || facts.known_borders)
+            // Spots that turn or open move no shadow.
+            let clear = facts.opaque_rectangles || !(turns || motion.zero_measure_light);
+            let known = (facts.only_panes && !moved && clear || facts.known_borders)
                 && (light || facts.zero_measure_light && (turns || moved));
             if known {
                 let why = if turns || moved {
@@ -473,9 +477,10 @@ fn rims(p: &Parts<f64>) -> bool {
     let fog = |m: Option<usize>| m.is_some();
     let is_round =
         |k: &ShapeKind<f64>, s: usize| matches!(k, ShapeKind::Sphere { .. } | ShapeKind::Cylinder { .. }) && smooth(s);
+    let several = p.shapes.iter().filter(|s| is_round(&s.kind, s.surface)).count() > 1;
     let beside = |s: &ShapePart<f64>| {
         let opaque = !null(s.surface) && !smooth(s.surface);
-        opaque || fog(s.exterior) || !is_round(&s.kind, s.surface) && fog(s.interior)
+        opaque || fog(s.exterior) || (several || !is_round(&s.kind, s.surface)) && fog(s.interior)
     };
     p.shapes.iter().any(|s| is_round(&s.kind, s.surface))
         && (p.shapes.iter().any(beside) || p.sensors.iter().any(|s| fog(s.medium)))
@@ -521,11 +526,12 @@ pub fn facts(p: &Parts<f64>) -> Facts {
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         only_panes: p.shapes.iter().any(|s| smooth(s.surface))
-            && p.shapes.iter().all(|s| match (&s.kind, &p.surfaces[s.surface]) {
-                (ShapeKind::Rectangle, _) | (_, SurfacePart::Null) => true,
-                (ShapeKind::Disk, surface) => matches!(surface, SurfacePart::Dielectric { .. }),
-                _ => false,
+            && p.shapes.iter().all(|s| match s.kind {
+                ShapeKind::Rectangle => true,
+                ShapeKind::Disk => !matches!(p.surfaces[s.surface], SurfacePart::Conductor { .. }),
+                _ => !smooth(s.surface),
             }),
+        opaque_rectangles: p.shapes.iter().all(|s| matches!(s.kind, ShapeKind::Rectangle) || !outlined(s.surface)),
         known_borders: p.shapes.iter().any(|s| smooth(s.surface)) && solid.iter().all(|s| has_known_borders(p, s)),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),

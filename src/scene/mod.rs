@@ -110,7 +110,7 @@ impl Scene {
         self.is_null(&self.shapes[hit.shape as usize])
     }
 
-    /// Whether light jumps where rays graze the shape: not at balls and cylinders of glass, and mirrors, that do not shine, which reflect all of it straight on. One sees into cylinders: those of metal must be two-sided.
+    /// Whether light jumps where rays graze the shape: not at balls and cylinders of glass, and mirrors, that do not shine, which reflect all of it straight on. Tubes that mirror on one side alone are dark on the other, which is seen: they count as having one.
     pub fn has_outline(&self, s: &Instance) -> bool {
         let reflects = match &self.surfaces[s.surface as usize] {
             Surface::Null => return false,
@@ -129,9 +129,8 @@ impl Scene {
         metal && matches!(s.shape, Shape::Disk(_))
     }
 
-    /// Whether shapes are a rectangle or disk of glass by itself: it bounds a half-space, its border is out of sight.
-    pub fn is_half_space(&self, shapes: &[u32]) -> bool {
-        let &[id] = shapes else { return false };
+    /// Whether it is a rectangle or disk of glass: by itself it bounds a half-space, and its border is out of sight.
+    pub fn is_half_space(&self, id: u32) -> bool {
         let flat = matches!(self.shapes[id as usize].shape, Shape::Rectangle(_) | Shape::Disk(_));
         flat && matches!(self.surface_of(id), Surface::Dielectric { .. })
     }

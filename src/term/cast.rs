@@ -1,7 +1,7 @@
 //! Where lights without extent begin and cease to shine by a way of flat smooth faces: at the border of a face that light meets, or of one that comes between, or at the rim or outline of something opaque and round (terms G of [T] section 3, by way of interfaces).
 //!
 //! By given planes light comes to every point y in one way at most ([`crate::math::fermat`]), and all that it brings is smooth in the places of all ([`crate::transport::way_motion`]), but at y whose way
-//! goes by such a border ([`super::cast_border`]). These y form a *sheet*: rays from the points z of the border, which light comes to by the planes before it and leaves by those behind. A face that stands between counts as a plane
+//! goes by such a border (`cast_border`). These y form a *sheet*: rays from the points z of the border, which light comes to by the planes before it and leaves by those behind. A face that stands between counts as a plane
 //! that does nothing. A path's span crosses a sheet where it meets one of its rays. Points of the span move with ẋ; there light grows by
 //!
 //! ```text

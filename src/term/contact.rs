@@ -104,7 +104,7 @@ fn stands(
     None
 }
 
-/// Whether two faces have different velocities along n at p, for any parameter.
+/// Whether two faces have different velocities along n at p, for any parameter: beside the speeds within the smaller one of their shapes.
 pub fn parts(scene: &Scene, params: &ParamSet, a: [u32; 2], b: [u32; 2], p: DVec3, n: DVec3) -> bool {
     let velocity = |[shape, face]: [u32; 2], p: DVec3, k: usize| {
         let along = |axis: DVec3| {
@@ -116,9 +116,11 @@ pub fn parts(scene: &Scene, params: &ParamSet, a: [u32; 2], b: [u32; 2], p: DVec
         };
         DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z))
     };
+    let [first, second] = [a, b].map(|f| scene.shapes[f[0] as usize].shape.bounds());
+    let around = if first.radius() < second.radius() { first } else { second };
     (0..params.len()).any(|k| {
         // A hinge stands still but for rounding.
-        let speeds = scene.bounds.probes().into_iter().flat_map(|q| [velocity(a, q, k), velocity(b, q, k)]);
+        let speeds = around.probes().into_iter().flat_map(|q| [velocity(a, q, k), velocity(b, q, k)]);
         let fastest = speeds.fold(0.0, |m, v| v.length().max(m));
         (velocity(a, p, k) - velocity(b, p, k)).dot(n).abs() > PARTS * fastest
     })

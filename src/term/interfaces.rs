@@ -220,7 +220,7 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
         let edge = edges.get(scene, i);
         let own: Vec<(u32, u32)> = edge.sides().map(|s| (s.0, s.1)).collect();
         let of_glass = own.iter().any(|f| smooth(f.0));
-        let half_space = own.len() == 1 && scene.is_half_space(&[own[0].0]);
+        let half_space = own.len() == 1 && scene.is_half_space(own[0].0);
         let meets = |s: u32, f: u32| match (of_glass, half_space) {
             (false, _) => smooth(s),
             (true, true) => s != own[0].0,
@@ -234,7 +234,7 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
     };
     let of_rim = |rim: &Rim| {
         let own: Vec<u32> = rim.shapes().collect();
-        let half_space = scene.is_half_space(&own);
+        let half_space = rim.bounds_half_space(scene);
         let meets = |s: u32, _: u32| (smooth(s) || half_space) && !own.contains(&s);
         PLACES.iter().find_map(|&u| {
             let near = scene.nearest_point(Kind::Opaque, rim.edge(u).a, ends::contact(scene), &meets)?;
@@ -252,7 +252,7 @@ pub(super) fn contacts(scene: &Scene, motion: &Motion) -> Result<()> {
         name(a),
         name(b)
     );
-    let remedy = if scene.is_half_space(&[a]) || scene.is_half_space(&[b]) {
+    let remedy = if scene.is_half_space(a) || scene.is_half_space(b) {
         "a rectangle or disk of glass bounds a half-space: let it reach beyond all that stands in it, or make a body of it (a cube, a closed mesh)"
     } else {
         "leave a gap between them (a ten-thousandth of their size is enough)"
@@ -272,9 +272,15 @@ fn outlines(scene: &Scene, motion: &Motion) -> Result<()> {
         smooth(s) && matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_)) && moves
     };
     let opaque = scene.shapes.iter().any(|s| !scene.is_null(s) && !smooth(s));
-    for s in (0..scene.shapes.len()).filter(round).map(|i| &scene.shapes[i]) {
-        let fog = s.exterior.filter(|_| s.boundary).or_else(|| scene.outer_medium(s.shape.bounds().max * 2.0, None));
-        let scatters = fog.is_some_and(|m| scene.media[m as usize].sigma_s.max() > 0.0);
+    // Whatever may be seen past it: not what it holds itself.
+    let scatters_beside = |k: usize| {
+        let fog = |m: Option<u32>| m.is_some_and(|m| scene.media[m as usize].sigma_s.max() > 0.0);
+        let holds = |(i, s): (usize, &Instance)| s.boundary && (fog(s.exterior) || i != k && fog(s.interior));
+        let around = fog(scene.outer_medium(scene.shapes[k].shape.bounds().max * 2.0, None));
+        around || scene.shapes.iter().enumerate().any(holds) || scene.sensors.iter().any(|s| fog(s.medium))
+    };
+    for (k, s) in (0..scene.shapes.len()).filter(round).map(|i| (i, &scene.shapes[i])) {
+        let scatters = scatters_beside(k);
         let jumps = set.hide_emitters
             || set.min_order > 0
             || set.max_depth < 2

@@ -128,9 +128,11 @@ impl Motion {
             _ => None,
         };
         let facets = scene.surfaces.iter().map(facets).collect();
-        let rims = rims(scene, |rim, shape| stay_together(scene, params, rim, shape));
         let (edges, crossed) = (OnceLock::new(), Vec::new());
-        let mut motion = Motion { lights, moving, facets, glowing_null, edges, rims, crossed };
+        let mut motion = Motion { lights, moving, facets, glowing_null, edges, rims: Vec::new(), crossed };
+        if turns {
+            motion.rims = rims(scene, |rim, shape| stay_together(scene, params, rim, shape));
+        }
         // Where lights alone move, glass and mirrors may end where others pass through them.
         let ends = || scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
         if motion.surfaces() || motion.lights.iter().any(|l| l.position || l.direction) && ends() {

@@ -11,6 +11,8 @@ use std::f64::consts::{PI, TAU};
 
 /// Circles of different shapes within this share of the scene's radius, and of a right angle, are one.
 const WELD: f64 = 1e-9;
+/// A direction in which few middles of rims are level.
+const ACROSS: DVec3 = DVec3::new(1.0, 0.7391, 0.5371);
 /// Places where two are asked whether they stay together: what moves a circle in its plane or out of it, linearly, differs at some of them.
 const PLACES: u32 = 8;
 
@@ -78,7 +80,7 @@ impl Rim {
 
     /// Whether it is that of a half-space ([`Scene::is_half_space`]): out of sight.
     pub fn bounds_half_space(&self, scene: &Scene) -> bool {
-        matches!(self.sides[..], [k] if scene.is_half_space(&[k.shape]))
+        matches!(self.sides[..], [k] if scene.is_half_space(k.shape))
     }
 
     pub fn is_shared(&self) -> bool {
@@ -112,6 +114,8 @@ pub fn stay_together(scene: &Scene, params: &ParamSet, rim: &Rim, shape: u32) ->
 /// Of everything that does more than part media; `alike`: whether one moves as a shape does that has one in its place.
 pub fn rims(scene: &Scene, alike: impl Fn(&Rim, u32) -> bool) -> Vec<Rim> {
     let mut list: Vec<Rim> = Vec::new();
+    // In order of their middles along a direction in which few are level.
+    let mut level: Vec<(f64, usize)> = Vec::new();
     let size = scene.bounds.radius();
     for (i, s) in scene.shapes.iter().enumerate() {
         let id = i as u32;
@@ -121,12 +125,19 @@ pub fn rims(scene: &Scene, alike: impl Fn(&Rim, u32) -> bool) -> Vec<Rim> {
         let mut add = |c, (x, y), inward, name| {
             let side = RimSide { shape: id, inward };
             let rim = Rim { c, x, y, sides: vec![side], grazed: vec![(id, vec![name])] };
-            match list.iter_mut().find(|r| r.is_same(&rim, size) && alike(r, id)) {
-                Some(shared) => {
-                    shared.sides.push(side);
-                    shared.grazed.extend(rim.grazed);
+            let at = rim.c.dot(ACROSS);
+            let near = WELD * size * ACROSS.length();
+            let from = level.partition_point(|l| l.0 < at - near);
+            let beside = level[from..].iter().take_while(|l| l.0 <= at + near).map(|l| l.1);
+            match beside.filter(|&k| list[k].is_same(&rim, size) && alike(&list[k], id)).min() {
+                Some(k) => {
+                    list[k].sides.push(side);
+                    list[k].grazed.extend(rim.grazed);
                 }
-                None => list.push(rim),
+                None => {
+                    level.insert(level.partition_point(|l| l.0 < at), (at, list.len()));
+                    list.push(rim);
+                }
             }
         };
         match &s.shape {

@@ -7,7 +7,7 @@
 //!
 //! * from the camera by way of interfaces (outward, onto the film),
 //! * from any vertex of a camera path by way of interfaces,
-//! * straight from vertices that are seen by way of interfaces; and from all vertices past edges and balls that are smooth themselves.
+//! * straight from vertices that are seen by way of interfaces; and from all vertices past edges, rims, balls and walls that are smooth themselves.
 //!
 //! Straight lines have sides of their own: one that ends on a smooth face holds its direction, one that ends at a vertex D has (25), whose share vanishes for D on the edge's own
 //! face. Along the outline of a ball or wall of glass both sides see the same light, as all is mirrored straight on, but where it ends is told in two ways, and they move
@@ -47,7 +47,7 @@ pub struct VirtualEdge {
     known: KnownChains,
     /// What is round, listed behind the edges.
     round: Vec<Round>,
-    /// Over edges by length, and what is round and opaque, for shots by way of interfaces.
+    /// Over edges by length, and what is round and parts light, for shots by way of interfaces.
     by_length: Discrete,
     /// Of these, what the camera's shots can see a motion past.
     from_camera: Discrete,
@@ -61,7 +61,7 @@ fn is_smooth(scene: &Scene, shape: u32) -> bool {
     scene.surface_of(shape).is_smooth()
 }
 
-/// Balls, walls of what is opaque, and rims of that and of mirrors.
+/// Balls, walls (cylinders) and rims.
 enum Round {
     Ball(u32, Sphere),
     Wall(u32, Cylinder),
@@ -85,12 +85,13 @@ impl Round {
     }
 }
 
-/// Whether anything straight before the outline of a smooth ball or wall scatters light: not what only those hold.
+/// Whether anything straight before the outline of a smooth ball or wall scatters light: not what the only one of them holds.
 fn sees_outlines(scene: &Scene, is_round: impl Fn(&Instance) -> bool) -> bool {
     let fog = |m: Option<u32>| m.is_some_and(|m| !scene.media[m as usize].sigma_s.is_zero());
+    let several = scene.shapes.iter().filter(|s| is_round(s)).count() > 1;
     let beside = |s: &Instance| {
         let opaque = !scene.is_null(s) && !scene.surfaces[s.surface as usize].is_smooth();
-        opaque || s.boundary && (fog(s.exterior) || !is_round(s) && fog(s.interior))
+        opaque || s.boundary && (fog(s.exterior) || (several || !is_round(s)) && fog(s.interior))
     };
     scene.shapes.iter().any(beside) || scene.sensors.iter().any(|s| fog(s.medium))
 }
@@ -113,7 +114,7 @@ impl VirtualEdge {
         let length = |i: usize| {
             let ends = edges.ends(scene, i);
             // The border of an open interface is out of sight: beyond it light would be of no medium.
-            let half_space = |id: u32| scene.is_half_space(&[id]);
+            let half_space = |id: u32| scene.is_half_space(id);
             let border = ends.pair.is_none() && edges.any(i, half_space) && edges.get(scene, i).edge.sides.len() < 2;
             let length = (ends.b - ends.a).length();
             if border || !length.is_finite() { 0.0 } else { length }

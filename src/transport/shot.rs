@@ -635,7 +635,7 @@ pub fn steps(scene: &Scene, chain: &[Specular]) -> Vec<Step> {
     chain.iter().map(|s| Step::of(scene, s)).collect()
 }
 
-/// A random shot to a target by way of at least one interface, from where a random ray of the eye leads. [`Drawn::trials`] gives its weight.
+/// A random shot to a target by way of at least one interface, from where a random ray of the eye leads, if it is kept. [`Drawn::trials`] gives its weight.
 pub struct Drawn {
     pub shot: Shot,
     chain: Vec<Step>,
@@ -664,7 +664,7 @@ pub fn draw(
 }
 
 /// What is kept of chains that are drawn much oftener than light takes them.
-pub fn kept(scene: &Scene, chain: &[Specular]) -> f64 {
+fn kept(scene: &Scene, chain: &[Specular]) -> f64 {
     let over = |s: &Specular| {
         let surface = scene.surface_of(s.hit.shape);
         let [Some(mirrored), Some(_)] = surface.rays(s.n, s.w) else { return 1.0 };
@@ -677,7 +677,7 @@ pub fn kept(scene: &Scene, chain: &[Specular]) -> f64 {
 }
 
 impl Drawn {
-    /// How many draws it takes to find the same shot once more: 1/P on average. `None` after far too many.
+    /// How many draws it takes to find the same shot once more, over the probability that it was kept: 1/P on average. `None` after far too many.
     pub fn trials(
         &self,
         scene: &Scene,

@@ -13,6 +13,7 @@ use tyndall::render::plan::Terms;
 use tyndall::scene::compile::Orders;
 use tyndall::scene::geometry::On;
 use tyndall::shape::{Geometry, Shape};
+use tyndall::term::rims::{rims, stay_together};
 
 const BLACK: &str = r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></bsdf>"#;
 
@@ -555,4 +556,29 @@ fn the_edge_of_a_lamp_through_a_rod() {
     let without = derivatives(&text, &names, &["interior", "pixel_edge", "surface_edge"], 1 << 12);
     let truth = slope(|n| seen([n, r, 0.02, -3.0, 0.1]), 1.3);
     assert!(without[0].z(0, truth).abs() > 5.0, "{:?}", without[0]);
+}
+
+/// A rim that a wall and a lid share is one where they stay together, in scenes of any size.
+#[test]
+fn rims_are_one_that_stay_together() {
+    let wall = r#"<shape type="cylinder"><point name="p0" value="0, 0, 0.1"/><point name="p1" value="0, 0, 2.1"/><float name="radius" value="$r"/></shape>"#;
+    let lid =
+        r#"<shape type="disk"><transform name="to_world"><scale value="$q"/><translate z="2.1"/></transform></shape>"#;
+    let count = |shapes: &str, wrt: &[&str], size: f64| {
+        let text = format!(
+            r#"<scene version="3.0.0"><default name="r" value="1"/><default name="q" value="1"/><integrator type="path"/><sensor type="perspective"/>{shapes}
+  <shape type="rectangle"><transform name="to_world"><scale value="{size}"/></transform></shape></scene>"#
+        );
+        let text = if shapes.contains("$q") { text } else { text.replace(r#"<default name="q" value="1"/>"#, "") };
+        let (desc, sc) = scene(&text);
+        let p = params(&desc, &sc, wrt);
+        rims(&sc, |rim, shape| stay_together(&sc, &p, rim, shape)).len()
+    };
+    for size in [3.0, 1e6] {
+        for shapes in [format!("{wall}{lid}"), format!("{lid}{wall}")] {
+            assert_eq!(count(&shapes, &["r"], size), 3, "{size}");
+            assert_eq!(count(&shapes, &["q"], size), 3, "{size}");
+            assert_eq!(count(&shapes.replace("$q", "$r"), &["r"], size), 2, "{size}");
+        }
+    }
 }

@@ -31,6 +31,7 @@ const NO: Facts = Facts {
     border_jump: false,
     dielectric: false,
     only_panes: false,
+    opaque_rectangles: false,
     known_borders: false,
     polygonal_dielectric: false,
     rims: false,

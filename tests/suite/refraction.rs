@@ -512,6 +512,9 @@ fn outlines_by_way_of_glass_are_refused() {
     refused(&with(point), "ior", "lamp");
     let block = r#"<shape type="cube" id="block"><transform name="to_world"><translate x="3"/></transform><bsdf type="dielectric"/></shape>"#;
     rejected(&with(block), "ior", "at the outline of");
+    // Fog that it does not stand in.
+    let fog = r#"<medium type="homogeneous" id="far"/><shape type="sphere"><point name="center" value="5, 0, 0"/><bsdf type="null"/><ref name="interior" id="far"/></shape>"#;
+    rejected(&with(fog), "cam", "at the outline of");
     let block = block.replace("dielectric", "diffuse").replace("block", "box");
     let slab = r#"<shape type="cube" id="slab"><transform name="to_world"><scale value="2"/><translate x="3" y="-3"/></transform><bsdf type="dielectric"/></shape>"#;
     rejected(&with(&format!("{block}{slab}")), "ior", "touches");

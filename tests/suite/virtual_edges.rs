@@ -366,6 +366,22 @@ fn metal_of_one_side_is_refused() {
     assert!(told.contains("outline"), "{told}");
 }
 
+/// A mirror ball in fog that a ball of glass holds, and nothing else that scatters.
+#[test]
+fn a_mirror_ball_in_milk() {
+    let text = r#"<scene version="3.0.0"><default name="r" value="0.5"/>
+  <integrator type="volpath"><integer name="max_depth" value="-1"/></integrator>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="1.0,1.4,0.7"/><float name="albedo" value="0.8"/></medium>
+  <sensor type="perspective"><float name="fov" value="36"/><transform name="to_world"><lookat origin="0.9, 1.2, 3.6" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="6"/><rfilter type="tent"/></film></sensor>
+  <shape type="sphere"><bsdf type="dielectric"><float name="int_ior" value="1.1"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="fog"/></shape>
+  <shape type="sphere"><point name="center" value="0.2, 0.1, 0"/><float name="radius" value="$r"/><bsdf type="conductor"/></shape>
+  <emitter type="constant"><rgb name="radiance" value="0.4,0.3,0.5"/></emitter></scene>"#;
+    let layer = derivatives(text, &["r"], &["virtual_edge"], 1 << 12)[0];
+    assert!(layer.value[0].abs() > 5.0 * layer.error[0], "{layer:?}");
+    against_differences(text, &[("r", 0.03)], &["all"], 1 << 13, 0.02);
+}
+
 #[test]
 fn a_ball_in_a_mirror_ball() {
     against_differences(BALL_IN_A_BALL, &[("x", 0.03), ("r", 0.03)], &["all"], 1 << 12, 0.02);
