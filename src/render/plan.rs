@@ -472,7 +472,7 @@ impl Plan {
 
 /// Whether segments between scattering points may end at the outline of a smooth ball or cylinder: as `term::virtual_edge` has it.
 fn rims(p: &Parts<f64>) -> bool {
-    let smooth = |s: usize| matches!(p.surfaces[s], SurfacePart::Dielectric { .. } | SurfacePart::Conductor { .. });
+    let smooth = |s: usize| is_smooth(p, s);
     let null = |s: usize| matches!(p.surfaces[s], SurfacePart::Null);
     let fog = |m: Option<usize>| m.is_some();
     let is_round =

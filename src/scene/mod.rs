@@ -120,7 +120,16 @@ impl Scene {
             }
             Surface::Diffuse { .. } | Surface::Rough(_) => false,
         };
-        !(reflects && s.light.is_none() && matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_)))
+        !(reflects && s.light.is_none() && s.shape.is_round())
+    }
+
+    /// Whether some medium scatters besides what the shape holds, as light sees that passes its outline.
+    pub fn scatters_beside(&self) -> impl Fn(u32) -> bool + use<> {
+        let fog = |m: Option<u32>| m.is_some_and(|m| !self.media[m as usize].sigma_s.is_zero());
+        let borders = || (0..).zip(&self.shapes).filter(|(_, s)| s.boundary);
+        let around = borders().any(|(_, s)| fog(s.exterior)) || self.sensors.iter().any(|s| fog(s.medium));
+        let hold: Vec<u32> = borders().filter(|(_, s)| fog(s.interior)).map(|(id, _)| id).collect();
+        move |shape| around || hold.iter().any(|&id| id != shape)
     }
 
     /// Whether it is a disk of smooth metal: its rim is seen, as that of a disk of glass, which bounds a half-space, is not.

@@ -147,6 +147,11 @@ macro_rules! each {
 }
 
 impl Shape {
+    /// Whether it is curved: a sphere, or a cylinder.
+    pub fn is_round(&self) -> bool {
+        matches!(self, Shape::Sphere(_) | Shape::Cylinder(_))
+    }
+
     /// A computed point of a face, put back on it, with the normal there: rays bring the rounding of where they began, and faces in one plane are told apart from others by less than that
     /// where coordinates are small. Not from so far that the normal's own rounding brings more.
     pub fn snap(&self, face: u32, p: DVec3) -> (DVec3, DVec3) {

@@ -133,8 +133,7 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
 /// Whether its outline may be seen by way of an interface.
 fn is_outlined(scene: &Scene, s: &Instance) -> bool {
     let smooth = scene.surfaces[s.surface as usize].is_smooth();
-    let round = matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_));
-    !scene.is_null(s) && (!smooth || s.light.is_some() || round && scene.has_outline(s))
+    !scene.is_null(s) && (!smooth || s.light.is_some() || s.shape.is_round() && scene.has_outline(s))
 }
 
 /// Whether [`super::virtual_edge`] knows all of its outline.
@@ -269,18 +268,12 @@ fn outlines(scene: &Scene, motion: &Motion) -> Result<()> {
     let round = |i: &usize| {
         let s = &scene.shapes[*i];
         let moves = several || motion.moving.camera || motion.moves(*i as u32);
-        smooth(s) && matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_)) && moves
+        smooth(s) && s.shape.is_round() && moves
     };
     let opaque = scene.shapes.iter().any(|s| !scene.is_null(s) && !smooth(s));
-    // Whatever may be seen past it: not what it holds itself.
-    let scatters_beside = |k: usize| {
-        let fog = |m: Option<u32>| m.is_some_and(|m| scene.media[m as usize].sigma_s.max() > 0.0);
-        let holds = |(i, s): (usize, &Instance)| s.boundary && (fog(s.exterior) || i != k && fog(s.interior));
-        let around = fog(scene.outer_medium(scene.shapes[k].shape.bounds().max * 2.0, None));
-        around || scene.shapes.iter().enumerate().any(holds) || scene.sensors.iter().any(|s| fog(s.medium))
-    };
-    for (k, s) in (0..scene.shapes.len()).filter(round).map(|i| (i, &scene.shapes[i])) {
-        let scatters = scatters_beside(k);
+    let scatters_beside = scene.scatters_beside();
+    for i in (0..scene.shapes.len()).filter(round) {
+        let (s, scatters) = (&scene.shapes[i], scatters_beside(i as u32));
         let jumps = set.hide_emitters
             || set.min_order > 0
             || set.max_depth < 2

@@ -3,7 +3,7 @@
 use crate::math::fermat::{Onward, PLANES, Planes};
 use crate::math::fold::Fold;
 use crate::scene::Scene;
-use crate::shape::{Geometry, Shape};
+use crate::shape::Geometry;
 use crate::surface::Surface;
 use crate::transport::ray::Specular;
 
@@ -12,7 +12,7 @@ pub fn planes(scene: &Scene, chain: &[Specular]) -> Option<Planes> {
     let last = chain.last().filter(|_| chain.len() <= PLANES)?;
     let fold = |s: &Specular| {
         let shape = &scene.shapes[s.hit.shape as usize];
-        if matches!(shape.shape, Shape::Sphere(_) | Shape::Cylinder(_)) {
+        if shape.shape.is_round() {
             return None;
         }
         let n = shape.shape.normal(s.hit.face, s.hit.p);

@@ -85,15 +85,13 @@ impl Round {
     }
 }
 
-/// Whether anything straight before the outline of a smooth ball or wall scatters light: not what the only one of them holds.
-fn sees_outlines(scene: &Scene, is_round: impl Fn(&Instance) -> bool) -> bool {
-    let fog = |m: Option<u32>| m.is_some_and(|m| !scene.media[m as usize].sigma_s.is_zero());
-    let several = scene.shapes.iter().filter(|s| is_round(s)).count() > 1;
-    let beside = |s: &Instance| {
-        let opaque = !scene.is_null(s) && !scene.surfaces[s.surface as usize].is_smooth();
-        opaque || s.boundary && (fog(s.exterior) || (several || !is_round(s)) && fog(s.interior))
-    };
-    scene.shapes.iter().any(beside) || scene.sensors.iter().any(|s| fog(s.medium))
+/// Whether anything straight before the outline of a smooth ball or wall scatters light.
+fn sees_outlines(scene: &Scene) -> bool {
+    let smooth = |s: &Instance| scene.surfaces[s.surface as usize].is_smooth();
+    let scatters_beside = scene.scatters_beside();
+    let opaque = scene.shapes.iter().any(|s| !scene.is_null(s) && !smooth(s));
+    let mut round = (0..).zip(&scene.shapes).filter(|(_, s)| s.shape.is_round() && smooth(s));
+    round.any(|(id, _)| opaque || scatters_beside(id))
 }
 
 /// What either side of an edge sends along a ray, and how the ray tells its place: held at the eye, or by the vertex where it ends.
@@ -114,18 +112,14 @@ impl VirtualEdge {
         let length = |i: usize| {
             let ends = edges.ends(scene, i);
             // The border of an open interface is out of sight: beyond it light would be of no medium.
-            let half_space = |id: u32| scene.is_half_space(id);
-            let border = ends.pair.is_none() && edges.any(i, half_space) && edges.get(scene, i).edge.sides.len() < 2;
+            let half_space = edges.any(i, |id| scene.is_half_space(id));
+            let border = ends.pair.is_none() && half_space && edges.get(scene, i).edge.sides.len() < 2;
             let length = (ends.b - ends.a).length();
             if border || !length.is_finite() { 0.0 } else { length }
         };
         let lengths: Vec<f64> = (0..edges.len()).map(length).collect();
         let smooth = |i: u32| is_smooth(scene, i);
-        let is_round = |s: &Instance| {
-            let round = matches!(s.shape, Shape::Sphere(_) | Shape::Cylinder(_));
-            round && scene.surfaces[s.surface as usize].is_smooth()
-        };
-        let seen = sees_outlines(scene, is_round);
+        let seen = sees_outlines(scene);
         let camera = From::camera(sensor, margin);
         // Within a ball that lets no light out no way grazes it.
         let holds_all = |s: &Instance| match (&s.shape, &camera.eye) {

@@ -11,7 +11,6 @@ use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
 use crate::scene::beams::Way;
 use crate::scene::{Hit, March, On, Scene};
-use crate::shape::Shape;
 
 /// How near a line has to meet a curved face to where it should, over the radius of the scene.
 const NEAR: f64 = 1e-6;
@@ -162,7 +161,7 @@ pub fn clear(
     let (mut t, mut ray) = (Rgb::ONE, March::new(o, -way.w, on, medium));
     // A line may meet what is curved twice.
     let meets = |h: &Hit, p: DVec3| {
-        let curved = matches!(scene.shapes[h.shape as usize].shape, Shape::Sphere(_) | Shape::Cylinder(_));
+        let curved = scene.shapes[h.shape as usize].shape.is_round();
         !curved || (h.p - p).length() <= NEAR * scene.bounds.radius()
     };
     for k in 0..=points.len() {

@@ -29,29 +29,12 @@ fn great_circles_measure_outlines() {
     let o = DVec3::new(-1.5, 0.3, 3.0);
     let (r, d) = (0.7, (DVec3::new(0.4, 0.2, -2.0) - o).length());
     let along = DVec3::new(0.5, 0.0, -1.0).normalize();
-    let place = Place::within(None);
     for (eye, truth) in [(Eye::Point(o), TAU * r / (d * d - r * r).sqrt() / d), (Eye::Parallel(along), TAU * r)] {
-        let random = |rng: &mut Rng| {
-            let [a, b] = [6.0 * rng.uniform() - 3.0, 6.0 * rng.uniform() - 3.0];
-            let (x, y) = warp::frame(along);
-            Some(match eye {
-                Eye::Point(o) => Start { o, w: (DVec3::new(a, b, 0.0) - o).normalize() },
-                // On a plane across them.
-                Eye::Parallel(w) => Start { o: x * a + y * b - w * 6.0, w },
-            })
-        };
-        let (mut rng, mut sum) = (Rng::keyed(11, 0, 0, 0), Moments::default());
-        for _ in 0..20_000 {
-            let target = Target::ball(1, ball(&scene, 1), rng.uniform(), rng.uniform());
-            let drawn = draw(&scene, &eye, &place, &target, &mut rng, random, |_| false);
-            let weight = drawn.map_or(0.0, |s| {
-                assert!(((s.shot.e - ball(&scene, 1).center).length() - r).abs() < 1e-9);
-                s.trials(&scene, &eye, &place, &target, &mut rng, random).unwrap() / s.shot.spread
-            });
-            sum.push(weight);
-        }
-        let (mean, error) = (sum.mean, sum.standard_error());
-        assert!(error < 0.02 * truth && (mean - truth).abs() < 4.0 * error, "{mean} +- {error}, {truth}");
+        let target = |rng: &mut Rng| Target::ball(1, ball(&scene, 1), rng.uniform(), rng.uniform());
+        measures((&scene, &eye), (20_000, 0.02), truth, target, |s| {
+            assert!(((s.e - ball(&scene, 1).center).length() - r).abs() < 1e-9);
+            1.0 / s.spread
+        });
     }
 }
 
@@ -71,34 +54,66 @@ fn heights_measure_walls() {
     let rho = (across - q.radius * q.radius).sqrt();
     let seen = |h: f64| h / (rho * rho.hypot(h));
     let along = DVec3::new(0.5, 0.0, -1.0).normalize();
-    let place = Place::within(None);
     let truths = [2.0 * (seen(low + q.length) - seen(low)), 2.0 * q.length * along.cross(axis).length()];
     for (eye, truth) in [Eye::Point(o), Eye::Parallel(along)].into_iter().zip(truths) {
-        let random = |rng: &mut Rng| {
-            let [a, b] = [6.0 * rng.uniform() - 3.0, 6.0 * rng.uniform() - 3.0];
-            let (x, y) = warp::frame(along);
-            Some(match eye {
-                Eye::Point(o) => Start { o, w: (DVec3::new(a, b, 0.0) - o).normalize() },
-                Eye::Parallel(w) => Start { o: x * a + y * b - w * 6.0, w },
-            })
-        };
-        let (mut rng, mut sum) = (Rng::keyed(13, 0, 0, 0), Moments::default());
-        for _ in 0..20_000 {
-            let t = rng.uniform();
-            let target = Target::wall(1, q, t);
-            let drawn = draw(&scene, &eye, &place, &target, &mut rng, random, |_| false);
-            let weight = drawn.map_or(0.0, |s| {
-                assert!(
-                    (q.height(s.shot.e) - t * q.length).abs() < 1e-9
-                        && (q.from_axis(s.shot.e).length() - q.radius).abs() < 1e-9
-                );
-                q.length * s.trials(&scene, &eye, &place, &target, &mut rng, random).unwrap() / s.shot.spread
-            });
-            sum.push(weight);
-        }
-        let (mean, error) = (sum.mean, sum.standard_error());
-        assert!(error < 0.02 * truth && (mean - truth).abs() < 4.0 * error, "{mean} +- {error}, {truth}");
+        measures(
+            (&scene, &eye),
+            (20_000, 0.02),
+            truth,
+            |rng| Target::wall(1, q, rng.uniform()),
+            |s| {
+                assert!((q.from_axis(s.e).length() - q.radius).abs() < 1e-9);
+                q.length / s.spread
+            },
+        );
     }
+}
+
+/// Glass of nearly its surroundings' index mirrors a ten-thousandth of what chains go that way: they are kept as rarely, and count as much oftener. Each point is seen in it once.
+#[test]
+fn weak_chains_count_as_often_as_they_are_kept() {
+    let text = r#"<scene version="3.0.0"><integrator type="volpath"/><sensor type="perspective"/>
+      <shape type="rectangle"><transform name="to_world"><scale value="50"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.05"/><float name="ext_ior" value="1"/></bsdf></shape>
+      <emitter type="constant"/></scene>"#;
+    let scene = compile(text);
+    let eye = Eye::Point(DVec3::new(-1.5, 0.3, 3.0));
+    let target = |_: &mut Rng| Target::Point(DVec3::new(0.5, 0.2, 2.0));
+    measures((&scene, &eye), (200_000, 0.05), 1.0, target, |s| {
+        assert!(kept(&scene, &s.chain) < 0.2);
+        1.0
+    });
+}
+
+/// So many draws from an eye, each shot counting for itself as `value` says, against a truth; `precision`: the standard error asked.
+fn measures(
+    (scene, eye): (&Scene, &Eye),
+    (draws, precision): (u32, f64),
+    truth: f64,
+    target: impl Fn(&mut Rng) -> Target,
+    value: impl Fn(&Shot) -> f64,
+) {
+    let place = Place::within(None);
+    let random = |rng: &mut Rng| {
+        let [a, b] = [6.0 * rng.uniform() - 3.0, 6.0 * rng.uniform() - 3.0];
+        Some(match *eye {
+            Eye::Point(o) => Start { o, w: (DVec3::new(a, b, 0.0) - o).normalize() },
+            // On a plane across them.
+            Eye::Parallel(w) => {
+                let (x, y) = warp::frame(w);
+                Start { o: x * a + y * b - w * 6.0, w }
+            }
+        })
+    };
+    let (mut rng, mut sum) = (Rng::keyed(11, 0, 0, 0), Moments::default());
+    for _ in 0..draws {
+        let target = target(&mut rng);
+        let drawn = draw(scene, eye, &place, &target, &mut rng, random, |_| false);
+        let weight = |d: &Drawn, rng: &mut Rng| d.trials(scene, eye, &place, &target, rng, random).unwrap();
+        sum.push(drawn.map_or(0.0, |d| weight(&d, &mut rng) * value(&d.shot)));
+    }
+    let (mean, error) = (sum.mean, sum.standard_error());
+    println!("{mean} +- {error}, {truth}");
+    assert!(error < precision * truth && (mean - truth).abs() < 4.0 * error, "{mean} +- {error}, {truth}");
 }
 
 /// From near by, and far from the origin, where rounding lets lines touch the ball before the point that they go to.

@@ -149,19 +149,15 @@ fn round_things_that_meet_are_refused() {
     let two = |gap: f64| told(&format!("{}{}", disk(0.1, 0.0), disk(0.1 + gap, 20.0)));
     assert!(two(1e-6).contains("lie on each other"), "{}", two(1e-6));
     assert_eq!(two(1e-3), "");
+    let (sin, cos) = 20f64.to_radians().sin_cos();
     let ball = |y: f64| {
+        let at = format!("{}, {}, 0", -sin * y, cos * y);
         told(&format!(
-            r#"<shape type="sphere"><point name="center" value="0, {y}, 0"/><float name="radius" value="0.2"/></shape>"#
+            r#"<shape type="sphere"><point name="center" value="{at}"/><float name="radius" value="0.2"/></shape>"#
         ))
     };
     // Its centre in a face.
-    let (sin, cos) = 20f64.to_radians().sin_cos();
-    let sunk = told(&format!(
-        r#"<shape type="sphere"><point name="center" value="{}, {}, 0"/><float name="radius" value="0.2"/></shape>"#,
-        0.7 * -sin,
-        0.7 * cos
-    ));
-    assert!(sunk.contains("pass through each other"), "{sunk}");
+    assert!(ball(0.7).contains("pass through each other"), "{}", ball(0.7));
     assert_eq!(ball(0.1), "");
 }
 
