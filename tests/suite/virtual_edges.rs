@@ -1,6 +1,6 @@
 //! Edges seen by way of smooth interfaces, edges of interfaces, and vertices behind them that look past edges: room `virtual_edge`, against finite differences.
 
-use crate::common::{against_differences, derivatives, difference, job, params, scene};
+use crate::common::{against_differences, derivatives, difference, forward_of, job, params, scene};
 use tyndall::math::Rgb;
 use tyndall::render::driver::{Job, Mode};
 use tyndall::render::plan::Plan;
@@ -341,16 +341,33 @@ fn tubes_and_cans_of_metal() {
     }
 }
 
-/// Rims that glass or metal shares with what is opaque, whichever comes first.
+/// Rims that glass or metal shares with what is opaque, whichever comes first, over a floor: they are this room's, and no other's.
 #[test]
 fn rims_of_two_kinds() {
-    for [lid, wall] in [[METAL, PAINT], [GLASS, PAINT], [PAINT, GLASS]] {
-        let shapes = [("top", lid, ""), ("wall", wall, ""), ("bottom", lid, "")];
+    let floor = format!(
+        r#"<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="1.6"/><translate y="-0.9"/></transform>{PAINT}</shape></scene>"#
+    );
+    let of = |shapes: &[(&str, &str, &str)]| rod(shapes).replace("</scene>", &floor);
+    for lid in [METAL, GLASS] {
+        let shapes = [("top", lid, ""), ("wall", PAINT, ""), ("bottom", lid, "")];
         for shapes in [shapes, [shapes[1], shapes[0], shapes[2]]] {
-            let text = rod(&shapes);
-            against_differences(&text, &[("x", 0.03), ("r", 0.02)], &["all"], 1 << 12, 0.02);
+            let text = of(&shapes);
+            // What the floor sends past the rims, without what the camera sees of them.
+            let twice = Orders { first: 1, ..Orders::default() };
+            let fd = difference(&text, twice, "r", 0.02, 1 << 14);
+            let z = |terms: &[&str]| {
+                let d = forward_of(&text, twice, &["r"], terms, 1 << 13)[1];
+                println!("{d:?} {fd:?}");
+                (d.value[2] - fd.value[2]) / d.error[2].hypot(fd.error[2])
+            };
+            assert!(z(&["all"]).abs() < 5.0);
+            assert!(z(&["interior", "pixel_edge", "surface_edge"]).abs() > 5.0);
         }
     }
+    let painted = of(&[("top", PAINT, ""), ("wall", GLASS, ""), ("bottom", PAINT, "")]);
+    against_differences(&painted, &[("x", 0.03), ("r", 0.02)], &["all"], 1 << 12, 0.02);
+    let layer = derivatives(&painted, &["r"], &["virtual_edge"], 1 << 12)[0];
+    assert!(layer.value[2].abs() > 5.0 * layer.error[2], "{layer:?}");
 }
 
 /// One looks into a tube.
