@@ -1,4 +1,4 @@
-//! How shots by way of interfaces are looked for ([`crate::transport::shot`]): from the camera, by chains that are known ([`super::known_chains`]) or by chance; from a vertex of a camera path by chance alone.
+//! How shots by way of interfaces are looked for ([`crate::transport::shot`], [`crate::transport::chance`]): from the camera, by chains that are known ([`super::known_chains`]) or by chance; from a vertex of a camera path by chance alone.
 
 use super::Context;
 use super::known_chains::KnownChains;
@@ -9,7 +9,8 @@ use crate::math::{DVec3, warp};
 use crate::scene::Scene;
 use crate::sensor::{Projection, Sensor};
 use crate::shape::Geometry;
-use crate::transport::shot::{self, Drawn, Eye, Place, Shot, Start, Step, Target};
+use crate::transport::chance::{self, Drawn};
+use crate::transport::shot::{Eye, Place, Shot, Start, Step, Target};
 use std::cell::Cell;
 
 /// A shot, and the probability of the way that it was looked for.
@@ -94,7 +95,7 @@ impl<'a> From<'a> {
         rng: &mut Rng,
         is_known: impl Fn(&[Step]) -> bool,
     ) -> Option<Drawn> {
-        shot::draw(scene, &self.eye, &self.place, target, rng, |rng| self.random(scene, rng), is_known)
+        chance::draw(scene, &self.eye, &self.place, target, rng, |rng| self.random(scene, rng), is_known)
     }
 
     /// One from the camera to a point. `chain`: the known one that was chosen, and the probability of that.

@@ -1,7 +1,7 @@
 //! Chains of flat smooth faces that the camera is known to see by: found once, with random rays, so that samples may choose among them.
 //!
 //! By a chain of planes there is at most one ray to a point ([`crate::math::fermat`]), so that a sample which chooses the chain knows its probability. Chains that are not listed, because they
-//! bend at spheres, are long, or see little, are left to chance ([`crate::transport::shot::draw`]).
+//! bend at spheres, are long, or see little, are left to chance ([`crate::transport::chance::draw`]).
 
 use super::planes::planes;
 use super::shown::{PIECES, Shown, Spot};
@@ -10,6 +10,7 @@ use crate::math::discrete::Discrete;
 use crate::math::fermat::{Planes, Way};
 use crate::math::rng::{Purpose, Rng};
 use crate::scene::Scene;
+use crate::transport::chance::{self, TO_EDGES};
 use crate::transport::ray::Specular;
 use crate::transport::shot::{self, Eye, Place, Shot, Start, Step, Target};
 use std::cell::Cell;
@@ -61,7 +62,8 @@ impl KnownChains {
         let mut all = 0u32;
         for _ in 0..RAYS {
             let Some(start) = random(&mut rng) else { continue };
-            let Some(chain) = shot::random_chain(scene, start, place, shot::TO_EDGES, &mut rng) else { continue };
+            let Some(chance) = chance::random_chain(scene, eye, start, place, TO_EDGES, &mut rng) else { continue };
+            let (start, chain) = (chance.start, chance.faces);
             all += 1;
             let Some(planes) = planes(scene, &chain).filter(|p| finds(p, eye, start, &chain)) else { continue };
             let steps: Vec<Step> = shot::steps(scene, &chain);

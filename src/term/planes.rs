@@ -42,7 +42,8 @@ mod tests {
     use crate::math::rng::Rng;
     use crate::scene::SceneDesc;
     use crate::scene::compile::LoadOptions;
-    use crate::transport::shot::{self, Place};
+    use crate::transport::chance::{self, TO_EDGES};
+    use crate::transport::shot::Place;
 
     /// Light goes on from a pane to the side that it left by; a mirror behind it may be met, by the same steps, from either side.
     #[test]
@@ -59,10 +60,8 @@ mod tests {
             let (o, place) = (DVec3::new(0.0, 0.4 * side, 3.0), Place::within(None));
             let start = Start { o, w: (DVec3::new(0.0, 0.0, 0.2) - o).normalize() };
             let mut rng = Rng::keyed(8, 0, 0, 0);
-            let mut chains =
-                std::iter::repeat_with(|| shot::random_chain(&scene, start, &place, shot::TO_EDGES, &mut rng))
-                    .take(1000)
-                    .flatten();
+            let mut chain = || chance::random_chain(&scene, &Eye::Point(o), start, &place, TO_EDGES, &mut rng);
+            let mut chains = std::iter::repeat_with(|| chain().map(|c| c.faces)).take(1000).flatten();
             let chain: Vec<Specular> = chains.find(|c| c.len() == 2 && c[0].through).unwrap();
             let mirror = planes(&scene, &chain).unwrap();
             let pane = planes(&scene, &chain[..1]).unwrap();

@@ -1,11 +1,12 @@
 //! Connections to point, spot, directional and collimated lights by chains of smooth surfaces that nothing lists: of several balls, of balls and panes, of cylinders, of meshes shaded by vertex normals (Zeltner, Georgiev and Jakob,
 //! "Specular manifold sampling", 2020).
 //!
-//! A random ray of the light, sent at one of the smooth shapes, finds a chain by chance; Newton's method goes on from it to the ray that the chain takes to the vertex ([`super::shot`]). Any solution is found with a probability P that
+//! A random ray of the light, sent at one of the smooth shapes, finds a chain by chance; Newton's method goes on from it to the ray that the chain takes to the vertex ([`super::shot`], [`super::chance`]). Any solution is found with a probability P that
 //! nobody knows; the number of further trials until it is found again has the mean 1/P. So no solution is left out, and caustics, where the gain ([T] (47), (48)) has no bound, are not clamped; the price is a variance of the order of the value. Chains that
 //! other connections list ([`super::chain`], [`super::ball`], [`super::beam`]) are theirs.
 
 use super::beam;
+use super::chance::{self, TO_LIT};
 use super::pane::{self, Found};
 use super::record::Recorder;
 use super::shot::{self, Eye, Place, Target};
@@ -37,7 +38,8 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
         };
         let (place, x) = (Place::within(None), s.o);
         let Some(start) = scene.seed(light, &eye, &mut rng) else { continue };
-        let Some(chain) = shot::random_chain(scene, start, &place, shot::TO_LIT, &mut rng) else { continue };
+        let Some(found) = chance::random_chain(scene, &eye, start, &place, TO_LIT, &mut rng) else { continue };
+        let (start, chain) = (found.start, found.faces);
         let order = s.depth + chain.len() as u32;
         if !w.may_scatter(order)
             || order < w.set.min_order
@@ -80,9 +82,9 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
             way.gain *= 1.0 / asked;
         }
         let size = (x - found.o).length();
-        let again = (&chain[..], &Target::Point(x), shot::TO_LIT);
+        let again = (&chain[..], &Target::Point(x), TO_LIT);
         let random = |rng: &mut Rng| scene.seed(light, &eye, rng);
-        let Some(trials) = shot::trials(scene, &eye, &place, again, (found, size), &mut rng, random) else {
+        let Some(trials) = chance::trials(scene, &eye, &place, again, (found, size), &mut rng, random) else {
             w.tally.unsettled += 1;
             continue;
         };

@@ -11,6 +11,7 @@ pub mod border;
 pub mod camera_line;
 pub mod chain;
 pub mod chained;
+pub mod chance;
 pub mod connect;
 pub mod field;
 pub mod first;

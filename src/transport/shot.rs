@@ -7,18 +7,16 @@
 //! A ball's outline, as a chain shows it, is a curve that no formula gives. A great circle drawn at random crosses it in points that Newton's method finds, and the mean number
 //! of these is the curve's length on the unit sphere over π (Crofton, "On the theory of local probability", 1868).
 //!
-//! Nothing lists chains or their solutions. Both are drawn: a random ray finds a chain, Newton's method goes on from there. How probable the result was nobody knows, but
-//! the number of further trials until it is found once more has the mean 1/P (Booth, "Unbiased Monte Carlo Estimation of the Reciprocal of an Integral", 2007).
+//! Nothing lists chains or their solutions: both are drawn ([`super::chance`]).
 
 use super::line::Line;
 use super::ray::Specular;
 use super::specular;
 pub use crate::math::fermat::{Eye, Start};
 use crate::math::fresnel::Interface;
-use crate::math::rng::Rng;
 use crate::math::{DVec2, DVec3, Dual, Real, Rgb, V3, warp};
 use crate::scene::chains::has_flat_faces;
-use crate::scene::{Hit, On, Scene, effort};
+use crate::scene::{Hit, Instance, On, Scene, effort};
 use crate::shape::{Cylinder, Geometry, Shape, Sphere, TriangleMesh, barycentric};
 use crate::surface::{Ray, Surface};
 use smallvec::SmallVec;
@@ -27,27 +25,17 @@ use std::f64::consts::PI;
 /// Two coordinates of an eye's rays.
 type D2 = Dual<2>;
 
-/// Trials before a shot counts as lost.
-const TRIALS: u32 = 1 << 20;
 /// How often a step of Newton's method is halved before the search is given up. Most searches that need it oftener find nothing, and those are what time goes to: with 20 times a mesh of
 /// 320 faces took 17 times as long as with 3, for the same variance.
 const HALVINGS: i32 = 3;
 /// How near to e, over the length of the way, a ray counts as a hit.
-const EXACT: f64 = 1e-11;
+pub(super) const EXACT: f64 = 1e-11;
+/// Steps of Newton's method toward a sine of incidence, which is nearly linear in rays that meet a ball.
+const INCLINED: u32 = 3;
 /// How near to each other two solutions are the same.
 pub const SAME: f64 = 1e-6;
-/// Or this, where the target cannot tell one from the other.
-const NEAR: f64 = 1e-4;
 /// How far before e, as a share of the last piece, a face may be met that e itself lies on.
 const AT_THE_EDGE: f64 = 1e-6;
-/// How often a random chain goes on behind an interface, and where all is mirrored: to what stands anywhere on its way, more often where that costs no light; or to what is lit.
-pub const TO_EDGES: [f64; 2] = [0.4, 0.7];
-pub const TO_LIT: [f64; 2] = [0.75, 0.75];
-/// A ray goes either way at least so often.
-const EITHER: f64 = 0.15;
-/// How much oftener chains may be drawn than their light counts. Glass reflects 4 % inside of it, and chains of many such turns are as hard to find again as they are dark.
-const OFTENER: f64 = 16.0;
-
 /// The face of a step by a mesh that vertex normals make one smooth surface: whichever the ray meets.
 const ANY: u32 = u32::MAX;
 
@@ -67,21 +55,27 @@ pub struct Step {
 impl Step {
     pub fn of(scene: &Scene, s: &Specular) -> Step {
         let instance = &scene.shapes[s.hit.shape as usize];
-        let (face, outward) = match &instance.shape {
-            Shape::Sphere(q) => (s.hit.face, s.hit.p - q.center),
-            Shape::Cylinder(q) => (s.hit.face, q.from_axis(s.hit.p)),
-            Shape::Mesh(_) if !has_flat_faces(instance) => (ANY, s.hit.n),
-            _ => (s.hit.face, DVec3::ZERO),
-        };
+        let face = if instance.shape.is_round() || has_flat_faces(instance) { s.hit.face } else { ANY };
         let by_face = face == ANY && s.n == s.hit.n && !is_alike(&s.hit);
-        Step { shape: s.hit.shape, face, through: s.through, inside: s.w.dot(outward) > 0.0, by_face }
+        let inside = outward(instance, &s.hit).is_some_and(|n| s.w.dot(n) > 0.0);
+        Step { shape: s.hit.shape, face, through: s.through, inside, by_face }
     }
 
     /// By which of the turns a ray that has met a face takes this step, and whether through; `None` where it takes another.
-    fn taken(&self, scene: &Scene, hit: &Hit, w: DVec3, turns: &[Turn]) -> Option<(usize, bool)> {
+    pub(super) fn taken(&self, scene: &Scene, hit: &Hit, w: DVec3, turns: &[Turn]) -> Option<(usize, bool)> {
         let is_it =
             |t: &Turn| Step::of(scene, &Specular { hit: *hit, n: t.n, w, out: w, through: self.through }) == *self;
         turns.iter().position(is_it).map(|k| (k, self.through))
+    }
+}
+
+/// Where out of a curved shape is; of a mesh where its front is.
+pub fn outward(instance: &Instance, hit: &Hit) -> Option<DVec3> {
+    match &instance.shape {
+        Shape::Sphere(q) => Some(hit.p - q.center),
+        Shape::Cylinder(q) => Some(q.from_axis(hit.p)),
+        Shape::Mesh(_) if !has_flat_faces(instance) => Some(hit.n),
+        _ => None,
     }
 }
 
@@ -141,6 +135,14 @@ impl Target {
         }
     }
 
+    /// What a straight way's spread would be where rays keep their distances.
+    pub fn unit(&self) -> f64 {
+        match self {
+            Target::Ball { r, .. } => 1.0 / (PI * *r),
+            Target::Point(_) | Target::Wall { .. } => 1.0,
+        }
+    }
+
     /// The shape that its ray grazes.
     fn grazed(&self) -> Option<u32> {
         match self {
@@ -168,11 +170,11 @@ pub struct Shot {
 }
 
 /// The ray as it leaves a chain.
-struct Left {
+pub(super) struct Left {
     at: Start,
     on: On,
     medium: Option<u32>,
-    chain: Vec<Specular>,
+    pub(super) chain: Vec<Specular>,
     weight: Rgb,
 }
 
@@ -197,9 +199,9 @@ impl Place {
 }
 
 /// What a smooth surface makes of a ray by a normal, which is on its front: what is mirrored, and what goes through.
-struct Turn {
+pub(super) struct Turn {
     n: DVec3,
-    rays: [Option<Ray>; 2],
+    pub(super) rays: [Option<Ray>; 2],
 }
 
 /// Normals as near to each other are one.
@@ -224,7 +226,7 @@ fn turns(scene: &Scene, hit: &Hit, w: DVec3) -> SmallVec<[Turn; 2]> {
 }
 
 /// Walk a ray through the scene, past `most` smooth surfaces; `choose` says at each by which of its turns it goes on, and whether through (`None`: the chain ends before it). Its weight leaves out media unless it is `weighed`.
-fn walk(
+pub(super) fn walk(
     scene: &Scene,
     start: Start,
     place: &Place,
@@ -255,33 +257,10 @@ fn walk(
     Some(ray)
 }
 
-/// A random chain behind a ray, of one face at least; `None` where it meets none, or ends before it has one.
-pub fn random_chain(
-    scene: &Scene,
-    start: Start,
-    place: &Place,
-    goes_on: [f64; 2],
-    rng: &mut Rng,
-) -> Option<Vec<Specular>> {
-    let mut lossless = false;
-    let mut first = true;
-    let left = walk(scene, start, place, false, usize::MAX, |_, _, turns| {
-        if !std::mem::take(&mut first) && rng.uniform() >= goes_on[usize::from(lossless)] {
-            return None;
-        }
-        let turn = if turns.len() > 1 { (rng.uniform() * turns.len() as f64) as usize } else { 0 };
-        let [mirrored, refracted] = &turns.get(turn)?.rays;
-        let mirrored = mirrored.map_or(0.0, |r| r.weight.mean());
-        lossless = refracted.is_none();
-        Some((turn, !lossless && rng.uniform() >= mirrored.clamp(EITHER, 1.0 - EITHER)))
-    })?;
-    (!left.chain.is_empty()).then_some(left.chain)
-}
-
 /// A ray behind a face, and the normal there that has bent it.
 struct Carried {
     ray: (V3<D2>, V3<D2>),
-    n: DVec3,
+    n: V3<D2>,
 }
 
 /// The interpolated normal of a mesh at a point of a face's plane, on the side of `front`.
@@ -295,11 +274,10 @@ fn shading_normal(m: &TriangleMesh, face: u32, p: V3<D2>, front: DVec3) -> Optio
     Some(if n.value().dot(front) < 0.0 { -n } else { n })
 }
 
-/// A ray behind one more face of a chain, whose plane, sphere or cylinder has no borders.
-fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<Carried> {
+/// Where a ray meets one more face of a chain, whose plane, sphere or cylinder has no borders, and the normal there, which is on its front.
+fn meet(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<(V3<D2>, V3<D2>)> {
     let instance = &scene.shapes[step.shape as usize];
-    let surface = &scene.surfaces[instance.surface as usize];
-    let (p, n) = match &instance.shape {
+    Some(match &instance.shape {
         Shape::Sphere(s) => {
             let off = o - V3::constant(s.center);
             let (b, r2) = (off.dot(d), s.radius * s.radius);
@@ -351,9 +329,14 @@ fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<Carried
             };
             (p, n)
         }
-    };
+    })
+}
+
+/// The ray behind such a face.
+fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<Carried> {
+    let (p, n) = meet(scene, (o, d), step)?;
     let c = n.dot(d);
-    let out = match surface {
+    let out = match scene.surface_of(step.shape) {
         Surface::Dielectric { interior, exterior, .. } if step.through => {
             let front = c.v < 0.0;
             let (n1, n2) = if front { (*exterior, *interior) } else { (*interior, *exterior) };
@@ -362,7 +345,7 @@ fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<Carried
         }
         _ => d - n * (c * 2.0),
     };
-    Some(Carried { n: n.value(), ray: (p, out.normalize()) })
+    Some(Carried { n, ray: (p, out.normalize()) })
 }
 
 impl Eye {
@@ -377,7 +360,7 @@ impl Eye {
     }
 
     /// What differences of its rays are measured by, for ways of this length.
-    fn unit(&self, scene: &Scene, length: f64) -> f64 {
+    pub(super) fn unit(&self, scene: &Scene, length: f64) -> f64 {
         match self {
             // From very far all that there is lies within a small angle.
             Eye::Point(_) => (scene.bounds.radius() / length).min(1.0),
@@ -396,15 +379,22 @@ impl Eye {
 }
 
 /// Where a chain takes a ray: how far from its target, and the Jacobian of that.
-struct Miss {
-    off: DVec2,
-    by: [DVec2; 2],
-    length: f64,
+pub(super) struct Miss {
+    pub(super) off: DVec2,
+    pub(super) by: [DVec2; 2],
+    pub(super) length: f64,
     /// The point of the ray next to the target's middle.
     foot: V3<D2>,
 }
 
-fn miss(scene: &Scene, eye: &Eye, start: Start, place: &Place, chain: &[Step], target: &Target) -> Option<Miss> {
+pub(super) fn miss(
+    scene: &Scene,
+    eye: &Eye,
+    start: Start,
+    place: &Place,
+    chain: &[Step],
+    target: &Target,
+) -> Option<Miss> {
     effort::note(1);
     let (mut ray, mut length) = (eye.ray(start), 0.0);
     for step in &faces(scene, start, place, chain)? {
@@ -483,7 +473,7 @@ impl Miss {
 }
 
 /// The eye's ray that a chain takes to a target, by Newton's method from `start`, and what it still misses it by.
-fn solve(
+pub(super) fn solve(
     scene: &Scene,
     eye: &Eye,
     start: Start,
@@ -622,7 +612,8 @@ pub fn to_point(
         ray = carried.ray;
         let (p, behind) = (ray.0.value(), ray.1.value());
         let own = scene.shapes[step.shape as usize].shape.normal(step.face, p);
-        let n = if carried.n.dot(own) < 0.0 { -carried.n } else { carried.n };
+        let n = carried.n.value();
+        let n = if n.dot(own) < 0.0 { -n } else { n };
         let crossing = Crossing { face: step.face, p, n, before, behind };
         spread /= crossing.widening(own);
         crossings.push(crossing);
@@ -635,97 +626,34 @@ pub fn steps(scene: &Scene, chain: &[Specular]) -> Vec<Step> {
     chain.iter().map(|s| Step::of(scene, s)).collect()
 }
 
-/// A random shot to a target by way of at least one interface, from where a random ray of the eye leads, if it is kept. [`Drawn::trials`] gives its weight.
-pub struct Drawn {
-    pub shot: Shot,
-    chain: Vec<Step>,
-    /// Probability that it was kept.
-    kept: f64,
-}
-
-/// Of chains that `is_known` does not hold.
-pub fn draw(
+/// A ray of the eye at which the sine of incidence at a chain's last face is `sine(what it is at start)`, or near it.
+pub fn inclined(
     scene: &Scene,
     eye: &Eye,
+    start: Start,
     place: &Place,
-    target: &Target,
-    rng: &mut Rng,
-    mut random: impl FnMut(&mut Rng) -> Option<Start>,
-    is_known: impl Fn(&[Step]) -> bool,
-) -> Option<Drawn> {
-    let start = random(rng)?;
-    let chain = steps(scene, &random_chain(scene, start, place, TO_EDGES, rng)?);
-    if is_known(&chain) {
-        return None;
-    }
-    let shot = by(scene, eye, start, place, &chain, target)?;
-    let kept = kept(scene, &shot.chain);
-    (kept >= 1.0 || rng.uniform() < kept).then_some(Drawn { shot, chain, kept })
-}
-
-/// What is kept of chains that are drawn much oftener than light takes them.
-fn kept(scene: &Scene, chain: &[Specular]) -> f64 {
-    let over = |s: &Specular| {
-        let surface = scene.surface_of(s.hit.shape);
-        let [Some(mirrored), Some(_)] = surface.rays(s.n, s.w) else { return 1.0 };
-        let own = mirrored.weight.mean();
-        let drawn = own.clamp(EITHER, 1.0 - EITHER);
-        if s.through { (1.0 - own) / (1.0 - drawn) } else { own / drawn }
-    };
-    let share: f64 = chain.iter().map(over).map(|r| r.min(1.0)).product();
-    (OFTENER * share).min(1.0)
-}
-
-impl Drawn {
-    /// How many draws it takes to find the same shot once more, over the probability that it was kept: 1/P on average. `None` after far too many.
-    pub fn trials(
-        &self,
-        scene: &Scene,
-        eye: &Eye,
-        place: &Place,
-        target: &Target,
-        rng: &mut Rng,
-        random: impl FnMut(&mut Rng) -> Option<Start>,
-    ) -> Option<f64> {
-        let size = (self.shot.e - self.shot.start.o).length();
-        let drawn = trials(scene, eye, place, (&self.chain, target, TO_EDGES), (self.shot.start, size), rng, random);
-        drawn.map(|k| k / self.kept)
-    }
-}
-
-/// How many draws it takes to find a ray once more by this chain, `own` and the size of its way.
-pub fn trials(
-    scene: &Scene,
-    eye: &Eye,
-    place: &Place,
-    (chain, target, goes_on): (&[Step], &Target, [f64; 2]),
-    (own, size): (Start, f64),
-    rng: &mut Rng,
-    mut random: impl FnMut(&mut Rng) -> Option<Start>,
-) -> Option<f64> {
-    let there = miss(scene, eye, own, place, chain, target)?;
-    let (x, y) = warp::frame(own.w);
-    let unit = eye.unit(scene, size);
-    let limit = 10.0 * EXACT * there.length + 2.0 * there.off.length();
-    let is_same = |s: Start| {
-        let by = match eye {
-            Eye::Point(_) => s.w - own.w,
-            // Wherever along them they begin.
-            Eye::Parallel(w) => s.o - own.o - *w * (s.o - own.o).dot(*w),
-        };
-        // Near a caustic rays differ by more than what they miss the target by.
-        let moved = there.by[0] * by.dot(x) + there.by[1] * by.dot(y);
-        by.length() <= SAME * unit || by.length() <= NEAR * unit && moved.length() <= limit
-    };
-    (1..=TRIALS).find_map(|k| {
-        let start = random(rng)?;
-        if steps(scene, &random_chain(scene, start, place, goes_on, rng)?) != chain {
-            return None;
+    chain: &[Step],
+    sine: impl Fn(f64) -> f64,
+) -> Option<Start> {
+    let (last, before) = chain.split_last()?;
+    let incidence = |at: Start| {
+        effort::note(1);
+        let mut ray = eye.ray(at);
+        let known = faces(scene, at, place, chain)?;
+        for step in &known[..before.len()] {
+            ray = carry(scene, ray, step)?.ray;
         }
-        solve(scene, eye, start, place, chain, target).is_some_and(|(s, _)| is_same(s)).then_some(f64::from(k))
-    })
+        let last = Step { face: known[before.len()].face, ..*last };
+        let (_, n) = meet(scene, ray, &last)?;
+        let sine = n.cross(ray.1);
+        Some(sine.dot(sine).sqrt())
+    };
+    let (mut at, mut wanted) = (start, None);
+    for _ in 0..INCLINED {
+        let is = incidence(at)?;
+        let to = *wanted.get_or_insert_with(|| sine(is.v));
+        let slope = DVec2::new(is.d[0], is.d[1]);
+        at = eye.step(at, slope * ((to - is.v) / slope.length_squared()));
+    }
+    (at.o.is_finite() && at.w.is_finite()).then_some(at)
 }
-
-#[cfg(test)]
-#[path = "shot_tests.rs"]
-mod tests;

@@ -1,0 +1,239 @@
+//! Shots by chance: chains that random rays of an eye, or of a light, find, and the ways to a target that Newton's method finds from there ([`super::shot`]).
+//!
+//! How probable a result was nobody knows, but the number of further trials until it is found once more has the mean 1/P (Booth, "Unbiased Monte Carlo Estimation of the Reciprocal of
+//! an Integral", 2007).
+//!
+//! *Bubbles*, balls and rods of less index than what is around them: a ray that comes in near the critical angle goes round along the wall in short chords and loses the less at each the nearer it is. Ways of any
+//! number m of such chords count, as 1/m² together, from a part of the rays that shrinks as 1/m²: drawn as others are, they would be found once in m⁴ draws at best. So a ray that has found its
+//! way into a bubble is inclined toward the critical angle half of the time, and inside it is mirrored, and goes on, as often as light.
+
+use super::ray::Specular;
+use super::shot::{self, EXACT, Eye, Place, SAME, Shot, Start, Step, Target, steps};
+use crate::math::rng::Rng;
+use crate::math::{DVec3, warp};
+use crate::scene::{Hit, Scene};
+use crate::surface::Surface;
+
+/// Trials before a shot counts as lost.
+const TRIALS: u32 = 1 << 20;
+/// Two rays are the same if they are as near to each other, over a ray's unit, where the target cannot tell one from the other.
+const NEAR: f64 = 1e-4;
+/// How often a random chain goes on behind an interface, and where all is mirrored: to what stands anywhere on its way, more often where that costs no light; or to what is lit.
+pub const TO_EDGES: [f64; 2] = [0.4, 0.7];
+pub const TO_LIT: [f64; 2] = [0.75, 0.75];
+/// A ray goes either way at least so often.
+const EITHER: f64 = 0.15;
+/// In a bubble it leaves at least so often, each time that it meets the wall.
+const LEAVES: f64 = 0.03;
+/// How often a ray that comes into a bubble is inclined toward the critical angle.
+const INCLINED: f64 = 0.5;
+/// What would be kept of a chain by which all light goes and that is drawn always.
+const FAINT: f64 = 4.0;
+/// Shots that are found more rarely are kept the more rarely: what is not found again within [`TRIALS`] is lost.
+const RARE: f64 = 3e-5;
+
+/// The sine of incidence from which on a bubble's wall mirrors all, at a hit of such a wall.
+fn critical(scene: &Scene, hit: &Hit) -> Option<f64> {
+    let Surface::Dielectric { interior, exterior, .. } = scene.surface_of(hit.shape) else { return None };
+    let outward = shot::outward(&scene.shapes[hit.shape as usize], hit)?;
+    let inside_out = if hit.n.dot(outward) > 0.0 { interior / exterior } else { exterior / interior };
+    (inside_out < 1.0).then_some(inside_out)
+}
+
+/// Whether a ray runs in a bubble before it meets its wall.
+fn in_bubble(scene: &Scene, hit: &Hit, w: DVec3) -> bool {
+    critical(scene, hit).is_some()
+        && shot::outward(&scene.shapes[hit.shape as usize], hit).is_some_and(|n| n.dot(w) > 0.0)
+}
+
+/// How often a random chain is mirrored where this share of light is, and some goes through.
+fn mirrors(scene: &Scene, hit: &Hit, w: DVec3, share: f64) -> f64 {
+    let most = if in_bubble(scene, hit, w) { 1.0 - LEAVES } else { 1.0 - EITHER };
+    share.clamp(EITHER, most)
+}
+
+/// How often a chain goes on behind a face that lets some light through; `round`: how often it has been mirrored there, in a bubble.
+fn goes_on_lossy(goes_on: [f64; 2], round: Option<f64>) -> f64 {
+    round.map_or(goes_on[0], |r| goes_on[0].max(1.0 - 0.25 * (1.0 - r)))
+}
+
+/// A chain of one face at least behind a ray.
+pub struct Chain {
+    pub start: Start,
+    pub faces: Vec<Specular>,
+}
+
+/// A random chain behind a ray, or, where that comes into a bubble, behind another; `None` where it meets none, or ends before it has one.
+pub fn random_chain(
+    scene: &Scene,
+    eye: &Eye,
+    start: Start,
+    place: &Place,
+    goes_on: [f64; 2],
+    rng: &mut Rng,
+) -> Option<Chain> {
+    let chain = behind(scene, start, place, &[], goes_on, rng)?;
+    let comes_in = |s: &Specular| s.through && critical(scene, &s.hit).is_some() && !in_bubble(scene, &s.hit, s.w);
+    let Some(k) = chain.faces.iter().position(comes_in) else { return Some(chain) };
+    if rng.uniform() >= INCLINED {
+        return Some(chain);
+    }
+    let (known, most) = (steps(scene, &chain.faces[..=k]), critical(scene, &chain.faces[k].hit)?);
+    // The cosine inside falls by a factor, small ones as often as large ones are.
+    let falls = rng.uniform().powi(2);
+    let sine = |is: f64| (most * most - (most * most - is * is) * falls * falls).max(0.0).sqrt();
+    let start = shot::inclined(scene, eye, start, place, &known, sine)?;
+    behind(scene, start, place, &known, goes_on, rng)
+}
+
+/// A chain that begins with these steps, at random from there on.
+fn behind(
+    scene: &Scene,
+    start: Start,
+    place: &Place,
+    known: &[Step],
+    goes_on: [f64; 2],
+    rng: &mut Rng,
+) -> Option<Chain> {
+    let (mut met, mut on) = (0, 1.0);
+    let left = shot::walk(scene, start, place, false, usize::MAX, |hit, w, turns| {
+        met += 1;
+        if let Some(step) = known.get(met - 1) {
+            on = goes_on[0];
+            return step.taken(scene, hit, w, turns);
+        }
+        if rng.uniform() >= on {
+            return None;
+        }
+        let turn = if turns.len() > 1 { (rng.uniform() * turns.len() as f64) as usize } else { 0 };
+        let [mirrored, refracted] = &turns.get(turn)?.rays;
+        let share = mirrored.map_or(0.0, |r| r.weight.mean());
+        let drawn = mirrors(scene, hit, w, share);
+        let through = refracted.is_some() && rng.uniform() >= drawn;
+        on = match refracted {
+            None => goes_on[1],
+            Some(_) => goes_on_lossy(goes_on, (!through && in_bubble(scene, hit, w)).then_some(drawn)),
+        };
+        Some((turn, through))
+    })?;
+    (left.chain.len() > known.len().saturating_sub(1) && !left.chain.is_empty())
+        .then_some(Chain { start, faces: left.chain })
+}
+
+/// A random shot to a target by way of at least one interface, from where a random ray of the eye leads, if it is kept. [`Drawn::trials`] gives its weight.
+pub struct Drawn {
+    pub shot: Shot,
+    chain: Vec<Step>,
+    /// Probability that it was kept.
+    kept: f64,
+}
+
+/// Of chains that `is_known` does not hold.
+pub fn draw(
+    scene: &Scene,
+    eye: &Eye,
+    place: &Place,
+    target: &Target,
+    rng: &mut Rng,
+    mut random: impl FnMut(&mut Rng) -> Option<Start>,
+    is_known: impl Fn(&[Step]) -> bool,
+) -> Option<Drawn> {
+    let found = random_chain(scene, eye, random(rng)?, place, TO_EDGES, rng)?;
+    let chain = steps(scene, &found.faces);
+    if is_known(&chain) {
+        return None;
+    }
+    let shot = shot::by(scene, eye, found.start, place, &chain, target)?;
+    let kept = kept(scene, eye, target, &shot);
+    (kept >= 1.0 || rng.uniform() < kept).then_some(Drawn { shot, chain, kept })
+}
+
+/// What is kept of shots by chains by which little light goes. To look for a shot once more costs about as much by any chain; of a chain of the light L that is found with probability p the variance is as `L²/p`:
+/// the best share to keep is as `L/√p`. p is guessed: the chain's, by as much less as it spreads rays more than a straight way does.
+fn kept(scene: &Scene, eye: &Eye, target: &Target, shot: &Shot) -> f64 {
+    let chain = &shot.chain;
+    let (mut light, mut drawn) = (1.0, 1.0_f64);
+    for (k, s) in chain.iter().enumerate() {
+        let [mirrored, refracted] = scene.surface_of(s.hit.shape).rays(s.n, s.w);
+        let own = mirrored.map_or(0.0, |r| r.weight.mean());
+        if refracted.is_some() {
+            let mirrors = mirrors(scene, &s.hit, s.w, own);
+            light *= if s.through { 1.0 - own } else { own };
+            drawn *= if s.through { 1.0 - mirrors } else { mirrors };
+        }
+        if k + 1 < chain.len() {
+            drawn *= match refracted {
+                None => TO_EDGES[1],
+                Some(_) => {
+                    let round = (!s.through && in_bubble(scene, &s.hit, s.w)).then(|| mirrors(scene, &s.hit, s.w, own));
+                    goes_on_lossy(TO_EDGES, round)
+                }
+            };
+        }
+    }
+    let straight = match eye {
+        Eye::Point(p) => (shot.e - *p).length_squared(),
+        Eye::Parallel(_) => 1.0,
+    };
+    // Rays that are inclined toward the critical angle find what spreads there.
+    let inclined = chain.iter().any(|s| in_bubble(scene, &s.hit, s.w));
+    let spreads = if inclined { 1.0 } else { (shot.spread / (straight * target.unit())).max(1.0) };
+    let found = drawn / spreads;
+    (FAINT * light / found.sqrt()).min(1.0) * (found / RARE).min(1.0)
+}
+
+impl Drawn {
+    /// How many draws it takes to find the same shot once more, over the probability that it was kept: 1/P on average. `None` after far too many.
+    pub fn trials(
+        &self,
+        scene: &Scene,
+        eye: &Eye,
+        place: &Place,
+        target: &Target,
+        rng: &mut Rng,
+        random: impl FnMut(&mut Rng) -> Option<Start>,
+    ) -> Option<f64> {
+        let size = (self.shot.e - self.shot.start.o).length();
+        let drawn = trials(scene, eye, place, (&self.chain, target, TO_EDGES), (self.shot.start, size), rng, random);
+        drawn.map(|k| k / self.kept)
+    }
+}
+
+/// How many draws it takes to find a ray once more by this chain, `own` and the size of its way.
+pub fn trials(
+    scene: &Scene,
+    eye: &Eye,
+    place: &Place,
+    (chain, target, goes_on): (&[Step], &Target, [f64; 2]),
+    (own, size): (Start, f64),
+    rng: &mut Rng,
+    mut random: impl FnMut(&mut Rng) -> Option<Start>,
+) -> Option<f64> {
+    let there = shot::miss(scene, eye, own, place, chain, target)?;
+    let (x, y) = warp::frame(own.w);
+    let unit = eye.unit(scene, size);
+    let limit = 10.0 * EXACT * there.length + 2.0 * there.off.length();
+    let is_same = |s: Start| {
+        let by = match eye {
+            Eye::Point(_) => s.w - own.w,
+            // Wherever along them they begin.
+            Eye::Parallel(w) => s.o - own.o - *w * (s.o - own.o).dot(*w),
+        };
+        // Near a caustic rays differ by more than what they miss the target by.
+        let moved = there.by[0] * by.dot(x) + there.by[1] * by.dot(y);
+        by.length() <= SAME * unit || by.length() <= NEAR * unit && moved.length() <= limit
+    };
+    (1..=TRIALS).find_map(|k| {
+        let found = random_chain(scene, eye, random(rng)?, place, goes_on, rng)?;
+        if steps(scene, &found.faces) != chain {
+            return None;
+        }
+        shot::solve(scene, eye, found.start, place, chain, target)
+            .is_some_and(|(s, _)| is_same(s))
+            .then_some(f64::from(k))
+    })
+}
+
+#[cfg(test)]
+#[path = "chance_tests.rs"]
+mod tests;
