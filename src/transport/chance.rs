@@ -10,9 +10,9 @@
 use super::ray::Specular;
 use super::shot::{self, EXACT, Eye, Place, SAME, Shot, Start, Step, Target, steps};
 use crate::math::rng::Rng;
-use crate::math::{DVec3, warp};
-use crate::scene::{Hit, Scene};
-use crate::surface::Surface;
+use crate::math::warp;
+use crate::scene::Scene;
+use crate::shape::Shape;
 
 /// Trials before a shot counts as lost.
 const TRIALS: u32 = 1 << 20;
@@ -30,25 +30,16 @@ const INCLINED: f64 = 0.5;
 /// What would be kept of a chain by which all light goes and that is drawn always.
 const FAINT: f64 = 4.0;
 /// Shots that are found more rarely are kept the more rarely: what is not found again within [`TRIALS`] is lost.
-const RARE: f64 = 3e-5;
-
-/// The sine of incidence from which on a bubble's wall mirrors all, at a hit of such a wall.
-fn critical(scene: &Scene, hit: &Hit) -> Option<f64> {
-    let Surface::Dielectric { interior, exterior, .. } = scene.surface_of(hit.shape) else { return None };
-    let outward = shot::outward(&scene.shapes[hit.shape as usize], hit)?;
-    let inside_out = if hit.n.dot(outward) > 0.0 { interior / exterior } else { exterior / interior };
-    (inside_out < 1.0).then_some(inside_out)
-}
+const RARE: f64 = 1e-4;
 
 /// Whether a ray runs in a bubble before it meets its wall.
-fn in_bubble(scene: &Scene, hit: &Hit, w: DVec3) -> bool {
-    critical(scene, hit).is_some()
-        && shot::outward(&scene.shapes[hit.shape as usize], hit).is_some_and(|n| n.dot(w) > 0.0)
+fn in_bubble(scene: &Scene, s: &Specular) -> bool {
+    shot::critical(scene, s.hit.shape).is_some() && Step::of(scene, s).inside
 }
 
 /// How often a random chain is mirrored where this share of light is, and some goes through.
-fn mirrors(scene: &Scene, hit: &Hit, w: DVec3, share: f64) -> f64 {
-    let most = if in_bubble(scene, hit, w) { 1.0 - LEAVES } else { 1.0 - EITHER };
+fn mirrors(scene: &Scene, s: &Specular, share: f64) -> f64 {
+    let most = if in_bubble(scene, s) { 1.0 - LEAVES } else { 1.0 - EITHER };
     share.clamp(EITHER, most)
 }
 
@@ -73,15 +64,17 @@ pub fn random_chain(
     rng: &mut Rng,
 ) -> Option<Chain> {
     let chain = behind(scene, start, place, &[], goes_on, rng)?;
-    let comes_in = |s: &Specular| s.through && critical(scene, &s.hit).is_some() && !in_bubble(scene, &s.hit, s.w);
-    let Some(k) = chain.faces.iter().position(comes_in) else { return Some(chain) };
+    let most = |s: &Specular| shot::critical(scene, s.hit.shape).filter(|_| s.through && !in_bubble(scene, s));
+    let Some((k, most)) = chain.faces.iter().enumerate().find_map(|(k, s)| Some((k, most(s)?))) else {
+        return Some(chain);
+    };
     if rng.uniform() >= INCLINED {
         return Some(chain);
     }
-    let (known, most) = (steps(scene, &chain.faces[..=k]), critical(scene, &chain.faces[k].hit)?);
     // The cosine inside falls by a factor, small ones as often as large ones are.
-    let falls = rng.uniform().powi(2);
-    let sine = |is: f64| (most * most - (most * most - is * is) * falls * falls).max(0.0).sqrt();
+    let (known, s, falls) = (steps(scene, &chain.faces[..=k]), &chain.faces[k], rng.uniform().powi(2));
+    let left = most * most - s.n.cross(s.w).length_squared();
+    let sine = (most * most - left * falls * falls).max(0.0).sqrt();
     let start = shot::inclined(scene, eye, start, place, &known, sine)?;
     behind(scene, start, place, &known, goes_on, rng)
 }
@@ -95,24 +88,25 @@ fn behind(
     goes_on: [f64; 2],
     rng: &mut Rng,
 ) -> Option<Chain> {
-    let (mut met, mut on) = (0, 1.0);
+    let (mut faces, mut on) = (0, 1.0);
     let left = shot::walk(scene, start, place, false, usize::MAX, |hit, w, turns| {
-        met += 1;
-        if let Some(step) = known.get(met - 1) {
+        faces += 1;
+        if let Some(step) = known.get(faces - 1) {
             on = goes_on[0];
             return step.taken(scene, hit, w, turns);
         }
-        if rng.uniform() >= on {
+        if on < 1.0 && rng.uniform() >= on {
             return None;
         }
         let turn = if turns.len() > 1 { (rng.uniform() * turns.len() as f64) as usize } else { 0 };
         let [mirrored, refracted] = &turns.get(turn)?.rays;
         let share = mirrored.map_or(0.0, |r| r.weight.mean());
-        let drawn = mirrors(scene, hit, w, share);
+        let met = Specular { hit: *hit, n: turns[turn].n, w, out: w, through: false };
+        let drawn = mirrors(scene, &met, share);
         let through = refracted.is_some() && rng.uniform() >= drawn;
         on = match refracted {
             None => goes_on[1],
-            Some(_) => goes_on_lossy(goes_on, (!through && in_bubble(scene, hit, w)).then_some(drawn)),
+            Some(_) => goes_on_lossy(goes_on, (!through && in_bubble(scene, &met)).then_some(drawn)),
         };
         Some((turn, through))
     })?;
@@ -157,7 +151,7 @@ fn kept(scene: &Scene, eye: &Eye, target: &Target, shot: &Shot) -> f64 {
         let [mirrored, refracted] = scene.surface_of(s.hit.shape).rays(s.n, s.w);
         let own = mirrored.map_or(0.0, |r| r.weight.mean());
         if refracted.is_some() {
-            let mirrors = mirrors(scene, &s.hit, s.w, own);
+            let mirrors = mirrors(scene, s, own);
             light *= if s.through { 1.0 - own } else { own };
             drawn *= if s.through { 1.0 - mirrors } else { mirrors };
         }
@@ -165,7 +159,7 @@ fn kept(scene: &Scene, eye: &Eye, target: &Target, shot: &Shot) -> f64 {
             drawn *= match refracted {
                 None => TO_EDGES[1],
                 Some(_) => {
-                    let round = (!s.through && in_bubble(scene, &s.hit, s.w)).then(|| mirrors(scene, &s.hit, s.w, own));
+                    let round = (!s.through && in_bubble(scene, s)).then(|| mirrors(scene, s, own));
                     goes_on_lossy(TO_EDGES, round)
                 }
             };
@@ -175,9 +169,11 @@ fn kept(scene: &Scene, eye: &Eye, target: &Target, shot: &Shot) -> f64 {
         Eye::Point(p) => (shot.e - *p).length_squared(),
         Eye::Parallel(_) => 1.0,
     };
-    // Rays that are inclined toward the critical angle find what spreads there.
-    let inclined = chain.iter().any(|s| in_bubble(scene, &s.hit, s.w));
-    let spreads = if inclined { 1.0 } else { (shot.spread / (straight * target.unit())).max(1.0) };
+    // Inclined rays are the denser near the critical angle, as one over the square of the cosine inside. On a ball, where that is a small circle, Newton's method comes from near only.
+    let is_rod = |s: &&Specular| matches!(scene.shapes[s.hit.shape as usize].shape, Shape::Cylinder(_));
+    let inclined = chain.iter().find(|s| in_bubble(scene, s)).filter(is_rod);
+    let inside = inclined.map_or(1.0, |s| s.n.dot(s.w).powi(2));
+    let spreads = (inside * shot.spread / (straight * target.unit())).max(1.0);
     let found = drawn / spreads;
     (FAINT * light / found.sqrt()).min(1.0) * (found / RARE).min(1.0)
 }

@@ -1,11 +1,12 @@
 //! Shots past balls and walls, by chance and straight, against outlines that formulas give.
 
 use super::*;
+use crate::math::DVec3;
 use crate::math::fresnel::Interface;
 use crate::math::stats::Moments;
 use crate::scene::SceneDesc;
 use crate::scene::compile::LoadOptions;
-use crate::shape::{Shape, Sphere};
+use crate::shape::Sphere;
 use std::f64::consts::{PI, TAU};
 
 fn compile(text: &str) -> Scene {
@@ -175,7 +176,7 @@ fn ways_round_a_bubble_are_found() {
     let eye = Eye::Parallel(-DVec3::Z);
     measures(
         (&scene, &eye),
-        (100_000, 0.08),
+        (300_000, 0.08),
         truth,
         |_| Target::Point(e),
         |s| {

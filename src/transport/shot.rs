@@ -70,7 +70,7 @@ impl Step {
 }
 
 /// Where out of a curved shape is; of a mesh where its front is.
-pub fn outward(instance: &Instance, hit: &Hit) -> Option<DVec3> {
+fn outward(instance: &Instance, hit: &Hit) -> Option<DVec3> {
     match &instance.shape {
         Shape::Sphere(q) => Some(hit.p - q.center),
         Shape::Cylinder(q) => Some(q.from_axis(hit.p)),
@@ -200,7 +200,7 @@ impl Place {
 
 /// What a smooth surface makes of a ray by a normal, which is on its front: what is mirrored, and what goes through.
 pub(super) struct Turn {
-    n: DVec3,
+    pub(super) n: DVec3,
     pub(super) rays: [Option<Ray>; 2],
 }
 
@@ -626,34 +626,43 @@ pub fn steps(scene: &Scene, chain: &[Specular]) -> Vec<Step> {
     chain.iter().map(|s| Step::of(scene, s)).collect()
 }
 
-/// A ray of the eye at which the sine of incidence at a chain's last face is `sine(what it is at start)`, or near it.
-pub fn inclined(
-    scene: &Scene,
-    eye: &Eye,
-    start: Start,
-    place: &Place,
-    chain: &[Step],
-    sine: impl Fn(f64) -> f64,
-) -> Option<Start> {
-    let (last, before) = chain.split_last()?;
-    let incidence = |at: Start| {
-        effort::note(1);
-        let mut ray = eye.ray(at);
-        let known = faces(scene, at, place, chain)?;
-        for step in &known[..before.len()] {
-            ray = carry(scene, ray, step)?.ray;
+/// Of a bubble's wall, of less index inside of its curve than outside: the sine of incidence from which on it mirrors all that comes from outside.
+pub fn critical(scene: &Scene, shape: u32) -> Option<f64> {
+    let Surface::Dielectric { interior, exterior, .. } = scene.surface_of(shape) else { return None };
+    let instance = &scene.shapes[shape as usize];
+    let out = match &instance.shape {
+        Shape::Sphere(s) => s.normal(0, s.center + DVec3::X * s.radius).x,
+        Shape::Cylinder(q) => {
+            let (x, _) = warp::frame(q.axis);
+            q.normal(0, q.base + x * q.radius).dot(x)
         }
-        let last = Step { face: known[before.len()].face, ..*last };
-        let (_, n) = meet(scene, ray, &last)?;
-        let sine = n.cross(ray.1);
-        Some(sine.dot(sine).sqrt())
+        Shape::Mesh(_) if !has_flat_faces(instance) => 1.0,
+        _ => return None,
     };
-    let (mut at, mut wanted) = (start, None);
+    let inside_out = if out > 0.0 { interior / exterior } else { exterior / interior };
+    (inside_out < 1.0).then_some(inside_out)
+}
+
+/// The sine of incidence at a chain's last face.
+fn incidence(scene: &Scene, eye: &Eye, at: Start, place: &Place, chain: &[Step]) -> Option<D2> {
+    effort::note(1);
+    let mut ray = eye.ray(at);
+    let known = faces(scene, at, place, chain)?;
+    let (last, before) = known.split_last()?;
+    for step in before {
+        ray = carry(scene, ray, step)?.ray;
+    }
+    let sine = meet(scene, ray, last)?.1.cross(ray.1);
+    Some(sine.dot(sine).sqrt())
+}
+
+/// A ray of the eye at which that is `sine`, or nearly, from one near it.
+pub fn inclined(scene: &Scene, eye: &Eye, near: Start, place: &Place, chain: &[Step], sine: f64) -> Option<Start> {
+    let mut at = near;
     for _ in 0..INCLINED {
-        let is = incidence(at)?;
-        let to = *wanted.get_or_insert_with(|| sine(is.v));
+        let is = incidence(scene, eye, at, place, chain)?;
         let slope = DVec2::new(is.d[0], is.d[1]);
-        at = eye.step(at, slope * ((to - is.v) / slope.length_squared()));
+        at = eye.step(at, slope * ((sine - is.v) / slope.length_squared()));
     }
     (at.o.is_finite() && at.w.is_finite()).then_some(at)
 }

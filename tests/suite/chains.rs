@@ -43,6 +43,7 @@ const BEAM: &str = r#"<emitter type="collimated"><transform name="to_world"><loo
 
 /// A block is the same block as a mesh: by point lights, by suns, by hard and by Gaussian beams, seen from outside and through the milk inside.
 #[test]
+#[ignore = "make stress"]
 fn a_mesh_is_a_block() {
     let dir = tempfile::tempdir().unwrap();
     let sun = r#"<emitter type="directional"><vector name="direction" value="-1, -3, 0"/><float name="irradiance" value="2"/></emitter>"#;
@@ -67,6 +68,7 @@ fn a_mesh_is_a_block() {
 
 /// Media's derivatives are in the record.
 #[test]
+#[ignore = "make stress"]
 fn derivatives_by_media_behind_facets() {
     let dir = tempfile::tempdir().unwrap();
     let text = block_of_facets(dir.path(), &block(5, POINT));

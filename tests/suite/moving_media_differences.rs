@@ -104,6 +104,7 @@ fn a_ball_under_a_point_light() {
 
 /// Points of the fog follow it: its edge and what it lights, with the shadows of everything in the room.
 #[test]
+#[ignore = "make stress"]
 fn a_hard_spot_inside_the_fog() {
     let wide = |medium| {
         room(medium, SPOT, &at(0.85, 0.4)).replace(r#"<scale x="1.7" y="1.25" z="1.7"/>"#, r#"<scale value="3.6"/>"#)
@@ -146,6 +147,7 @@ fn glowing_fog_between_a_floor_and_a_low_ball() {
 }
 
 #[test]
+#[ignore = "make stress"]
 fn a_block_under_a_lamp() {
     let text = room(ISOTROPIC, LAMP, &at(-0.25, 0.55));
     agree(&text, &[("bx", 0.04), ("turn", 2.0)], SPP);
@@ -154,6 +156,7 @@ fn a_block_under_a_lamp() {
 }
 
 #[test]
+#[ignore = "make stress"]
 fn a_mesh_under_a_point_light() {
     let text = room(HG, POINT, &at(0.35, 1.2));
     agree(&text, &[("mesh", 0.04), ("grow", 0.03)], SPP);
@@ -182,6 +185,7 @@ fn lamps_that_move_and_grow() {
 }
 
 #[test]
+#[ignore = "make stress"]
 fn cameras_outside() {
     let what = [("cx", 0.04), ("aim", 0.04), ("fov", 0.2)];
     // The lamp's end is at the pixel's border: larger steps of fov are 20 % off.
@@ -197,6 +201,7 @@ fn cameras_inside() {
 }
 
 #[test]
+#[ignore = "make stress"]
 fn everything_in_a_grid() {
     let what = [("x", 0.04), ("r", 0.03), ("lx", 0.04)];
     agree(&room(DUST, LAMP, &at(0.95, 0.2)), &what, SPP);

@@ -164,6 +164,7 @@ fn window(light: &str) -> String {
 
 /// Its index, either face, the camera and the light, by chains of two faces and more.
 #[test]
+#[ignore = "make stress"]
 fn a_window_in_motion_against_differences() {
     let moves = [("n", 0.02), ("h", 0.02), ("tilt", 1.0), ("cam", 0.02)];
     let own = [("x", 0.02), ("z", 0.02)];
@@ -434,6 +435,7 @@ const MIRROR: &str = r#"<scene version="3.0.0"><default name="angle" value="40"/
     <float name="radius" value="$r"/><string name="profile" value="gaussian"/><float name="irradiance" value="5"/></emitter></scene>"#;
 
 #[test]
+#[ignore = "make stress"]
 fn a_beam_by_way_of_a_mirror_against_differences() {
     let what = [("angle", 1.0), ("up", 0.02), ("bx", 0.02), ("k", 0.05), ("r", 0.01)];
     against_differences(MIRROR, &what, &["all"], 1 << 13, 0.02);

@@ -394,6 +394,7 @@ fn a_gem_in_fog() {
 
 /// The shadow of a large lamp in thick fog.
 #[test]
+#[ignore = "make stress"]
 fn a_gem_under_a_lamp_in_fog() {
     let text = foggy(&room(r#"<translate y="1.2" z="0.2"/>"#, "", LAMP), 1.5);
     let moves = [(0, DVec3::X, 0.03), (1, DVec3::X, 0.03), (4, DVec3::Z, 0.03)];
