@@ -12,7 +12,6 @@ use super::shot::{self, EXACT, Eye, Place, SAME, Shot, Start, Step, Target, step
 use crate::math::rng::Rng;
 use crate::math::warp;
 use crate::scene::Scene;
-use crate::shape::Shape;
 
 /// Trials before a shot counts as lost.
 const TRIALS: u32 = 1 << 20;
@@ -30,7 +29,7 @@ const INCLINED: f64 = 0.5;
 /// What would be kept of a chain by which all light goes and that is drawn always.
 const FAINT: f64 = 4.0;
 /// Shots that are found more rarely are kept the more rarely: what is not found again within [`TRIALS`] is lost.
-const RARE: f64 = 1e-4;
+const RARE: f64 = 3e-5;
 
 /// Whether a ray runs in a bubble before it meets its wall.
 fn in_bubble(scene: &Scene, s: &Specular) -> bool {
@@ -169,10 +168,12 @@ fn kept(scene: &Scene, eye: &Eye, target: &Target, shot: &Shot) -> f64 {
         Eye::Point(p) => (shot.e - *p).length_squared(),
         Eye::Parallel(_) => 1.0,
     };
-    // Inclined rays are the denser near the critical angle, as one over the square of the cosine inside. On a ball, where that is a small circle, Newton's method comes from near only.
-    let is_rod = |s: &&Specular| matches!(scene.shapes[s.hit.shape as usize].shape, Shape::Cylinder(_));
-    let inclined = chain.iter().find(|s| in_bubble(scene, s)).filter(is_rod);
-    let inside = inclined.map_or(1.0, |s| s.n.dot(s.w).powi(2));
+    // Inclined rays are the denser near the critical angle, as one over the square of the cosine inside; around a ball Newton's method comes from nearer the smaller that is.
+    let inclined = chain.iter().find(|s| in_bubble(scene, s));
+    let inside = inclined.map_or(1.0, |s| {
+        let cosine = s.n.dot(s.w).abs();
+        if shot::is_wall(scene, s.hit.shape) { cosine * cosine } else { cosine }
+    });
     let spreads = (inside * shot.spread / (straight * target.unit())).max(1.0);
     let found = drawn / spreads;
     (FAINT * light / found.sqrt()).min(1.0) * (found / RARE).min(1.0)

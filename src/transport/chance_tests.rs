@@ -6,7 +6,7 @@ use crate::math::fresnel::Interface;
 use crate::math::stats::Moments;
 use crate::scene::SceneDesc;
 use crate::scene::compile::LoadOptions;
-use crate::shape::Sphere;
+use crate::shape::{Shape, Sphere};
 use std::f64::consts::{PI, TAU};
 
 fn compile(text: &str) -> Scene {
@@ -176,7 +176,7 @@ fn ways_round_a_bubble_are_found() {
     let eye = Eye::Parallel(-DVec3::Z);
     measures(
         (&scene, &eye),
-        (300_000, 0.08),
+        (150_000, 0.08),
         truth,
         |_| Target::Point(e),
         |s| {

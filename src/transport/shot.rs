@@ -500,8 +500,9 @@ pub(super) fn solve(
             return None;
         }
         // A step that loses the chain, or leads away from it, is halved.
+        let course = Course::of(scene, eye, at, place, chain);
         let better = (0..HALVINGS).find_map(|k| {
-            let next = eye.step(at, by * 0.5f64.powi(k));
+            let next = course.step(scene, eye, at, place, by * 0.5f64.powi(k))?;
             let n = miss(scene, eye, next, place, chain, target)?;
             (n.off.length() < m.off.length()).then_some((next, n))
         });
@@ -643,6 +644,11 @@ pub fn critical(scene: &Scene, shape: u32) -> Option<f64> {
     (inside_out < 1.0).then_some(inside_out)
 }
 
+/// Whether rays of a bubble's critical angle are a line, straight across it, and no circle.
+pub fn is_wall(scene: &Scene, shape: u32) -> bool {
+    matches!(scene.shapes[shape as usize].shape, Shape::Cylinder(_))
+}
+
 /// The sine of incidence at a chain's last face.
 fn incidence(scene: &Scene, eye: &Eye, at: Start, place: &Place, chain: &[Step]) -> Option<D2> {
     effort::note(1);
@@ -665,4 +671,31 @@ pub fn inclined(scene: &Scene, eye: &Eye, near: Start, place: &Place, chain: &[S
         at = eye.step(at, slope * ((sine - is.v) / slope.length_squared()));
     }
     (at.o.is_finite() && at.w.is_finite()).then_some(at)
+}
+
+/// How a step of Newton's method goes: straight, or, of a ray that is mirrored inside of a bubble that is a ball, so that the sine of incidence there goes as the step says. Where that is nearly critical a straight step would leave
+/// the circle in which it is.
+struct Course<'a> {
+    to_bubble: &'a [Step],
+    sine: Option<D2>,
+}
+
+impl<'a> Course<'a> {
+    fn of(scene: &Scene, eye: &Eye, at: Start, place: &Place, chain: &'a [Step]) -> Course<'a> {
+        let goes_round = |s: &[Step]| {
+            let round = s[0].through && !s[0].inside && s[1].shape == s[0].shape && !s[1].through;
+            round && !is_wall(scene, s[0].shape) && critical(scene, s[0].shape).is_some()
+        };
+        let Some(k) = chain.windows(2).position(goes_round) else { return Course { to_bubble: &[], sine: None } };
+        let to_bubble = &chain[..=k];
+        Course { to_bubble, sine: incidence(scene, eye, at, place, to_bubble) }
+    }
+
+    fn step(&self, scene: &Scene, eye: &Eye, at: Start, place: &Place, by: DVec2) -> Option<Start> {
+        let next = eye.step(at, by);
+        match self.sine {
+            None => Some(next),
+            Some(s) => inclined(scene, eye, next, place, self.to_bubble, s.v + by.dot(DVec2::new(s.d[0], s.d[1]))),
+        }
+    }
 }
