@@ -5,13 +5,15 @@
 //!
 //! *Bubbles*, balls and rods of less index than what is around them: a ray that comes in near the critical angle goes round along the wall in short chords and loses the less at each the nearer it is. Ways of any
 //! number m of such chords count, as 1/m² together, from a part of the rays that shrinks as 1/m²: drawn as others are, they would be found once in m⁴ draws at best. So a ray that has found its
-//! way into a bubble is inclined toward the critical angle half of the time, and inside it is mirrored, and goes on, as often as light.
+//! way into a bubble is inclined toward the critical angle half of the time ([`super::bubble`]), and inside it is mirrored as often as light, and seldom ends.
 
+use super::bubble;
 use super::ray::Specular;
-use super::shot::{self, EXACT, Eye, Place, SAME, Shot, Start, Step, Target, steps};
+use super::shot::{self, EXACT, Eye, Place, SAME, Shot, Start, Step, Target, Turn, steps};
 use crate::math::rng::Rng;
 use crate::math::warp;
 use crate::scene::Scene;
+use crate::surface::Ray;
 
 /// Trials before a shot counts as lost.
 const TRIALS: u32 = 1 << 20;
@@ -24,6 +26,8 @@ pub const TO_LIT: [f64; 2] = [0.75, 0.75];
 const EITHER: f64 = 0.15;
 /// In a bubble it leaves at least so often, each time that it meets the wall.
 const LEAVES: f64 = 0.03;
+/// A chain that is mirrored in a bubble ends there as often as this, times how often it leaves.
+const ENDS: f64 = 0.25;
 /// How often a ray that comes into a bubble is inclined toward the critical angle.
 const INCLINED: f64 = 0.5;
 /// What would be kept of a chain by which all light goes and that is drawn always.
@@ -33,18 +37,30 @@ const RARE: f64 = 3e-5;
 
 /// Whether a ray runs in a bubble before it meets its wall.
 fn in_bubble(scene: &Scene, s: &Specular) -> bool {
-    shot::critical(scene, s.hit.shape).is_some() && Step::of(scene, s).inside
+    bubble::critical(scene, s.hit.shape).is_some() && Step::of(scene, s).inside
 }
 
-/// How often a random chain is mirrored where this share of light is, and some goes through.
-fn mirrors(scene: &Scene, s: &Specular, share: f64) -> f64 {
-    let most = if in_bubble(scene, s) { 1.0 - LEAVES } else { 1.0 - EITHER };
-    share.clamp(EITHER, most)
+/// How a random chain goes on at a face.
+struct Fork {
+    /// Share of the light that is mirrored, of what is not lost in metal.
+    light: f64,
+    /// Probability to be mirrored, and to go on behind the face where that is so, or else.
+    mirrors: f64,
+    goes_on: [f64; 2],
 }
 
-/// How often a chain goes on behind a face that lets some light through; `round`: how often it has been mirrored there, in a bubble.
-fn goes_on_lossy(goes_on: [f64; 2], round: Option<f64>) -> f64 {
-    round.map_or(goes_on[0], |r| goes_on[0].max(1.0 - 0.25 * (1.0 - r)))
+impl Fork {
+    fn at(scene: &Scene, s: &Specular, [mirrored, refracted]: &[Option<Ray>; 2], goes_on: [f64; 2]) -> Fork {
+        if refracted.is_none() {
+            return Fork { light: 1.0, mirrors: 1.0, goes_on: [goes_on[1]; 2] };
+        }
+        let light = mirrored.map_or(0.0, |r| r.weight.mean());
+        if in_bubble(scene, s) {
+            let mirrors = light.clamp(EITHER, 1.0 - LEAVES);
+            return Fork { light, mirrors, goes_on: [goes_on[0].max(1.0 - ENDS * (1.0 - mirrors)), goes_on[0]] };
+        }
+        Fork { light, mirrors: light.clamp(EITHER, 1.0 - EITHER), goes_on: [goes_on[0]; 2] }
+    }
 }
 
 /// A chain of one face at least behind a ray.
@@ -63,18 +79,18 @@ pub fn random_chain(
     rng: &mut Rng,
 ) -> Option<Chain> {
     let chain = behind(scene, start, place, &[], goes_on, rng)?;
-    let most = |s: &Specular| shot::critical(scene, s.hit.shape).filter(|_| s.through && !in_bubble(scene, s));
+    let most = |s: &Specular| bubble::critical(scene, s.hit.shape).filter(|_| s.through && !in_bubble(scene, s));
     let Some((k, most)) = chain.faces.iter().enumerate().find_map(|(k, s)| Some((k, most(s)?))) else {
         return Some(chain);
     };
     if rng.uniform() >= INCLINED {
         return Some(chain);
     }
-    // The cosine inside falls by a factor, small ones as often as large ones are.
+    // The cosine inside falls by a factor, by one below x with the probability √x.
     let (known, s, falls) = (steps(scene, &chain.faces[..=k]), &chain.faces[k], rng.uniform().powi(2));
     let left = most * most - s.n.cross(s.w).length_squared();
     let sine = (most * most - left * falls * falls).max(0.0).sqrt();
-    let start = shot::inclined(scene, eye, start, place, &known, sine)?;
+    let start = bubble::inclined(scene, eye, start, place, &known, sine)?;
     behind(scene, start, place, &known, goes_on, rng)
 }
 
@@ -98,19 +114,14 @@ fn behind(
             return None;
         }
         let turn = if turns.len() > 1 { (rng.uniform() * turns.len() as f64) as usize } else { 0 };
-        let [mirrored, refracted] = &turns.get(turn)?.rays;
-        let share = mirrored.map_or(0.0, |r| r.weight.mean());
-        let met = Specular { hit: *hit, n: turns[turn].n, w, out: w, through: false };
-        let drawn = mirrors(scene, &met, share);
-        let through = refracted.is_some() && rng.uniform() >= drawn;
-        on = match refracted {
-            None => goes_on[1],
-            Some(_) => goes_on_lossy(goes_on, (!through && in_bubble(scene, &met)).then_some(drawn)),
-        };
+        let Turn { n, rays } = turns.get(turn)?;
+        let met = Specular { hit: *hit, n: *n, w, out: w, through: false };
+        let fork = Fork::at(scene, &met, rays, goes_on);
+        let through = fork.mirrors < 1.0 && rng.uniform() >= fork.mirrors;
+        on = fork.goes_on[usize::from(through)];
         Some((turn, through))
     })?;
-    (left.chain.len() > known.len().saturating_sub(1) && !left.chain.is_empty())
-        .then_some(Chain { start, faces: left.chain })
+    (left.chain.len() >= known.len().max(1)).then_some(Chain { start, faces: left.chain })
 }
 
 /// A random shot to a target by way of at least one interface, from where a random ray of the eye leads, if it is kept. [`Drawn::trials`] gives its weight.
@@ -147,21 +158,11 @@ fn kept(scene: &Scene, eye: &Eye, target: &Target, shot: &Shot) -> f64 {
     let chain = &shot.chain;
     let (mut light, mut drawn) = (1.0, 1.0_f64);
     for (k, s) in chain.iter().enumerate() {
-        let [mirrored, refracted] = scene.surface_of(s.hit.shape).rays(s.n, s.w);
-        let own = mirrored.map_or(0.0, |r| r.weight.mean());
-        if refracted.is_some() {
-            let mirrors = mirrors(scene, s, own);
-            light *= if s.through { 1.0 - own } else { own };
-            drawn *= if s.through { 1.0 - mirrors } else { mirrors };
-        }
+        let fork = Fork::at(scene, s, &scene.surface_of(s.hit.shape).rays(s.n, s.w), TO_EDGES);
+        light *= if s.through { 1.0 - fork.light } else { fork.light };
+        drawn *= if s.through { 1.0 - fork.mirrors } else { fork.mirrors };
         if k + 1 < chain.len() {
-            drawn *= match refracted {
-                None => TO_EDGES[1],
-                Some(_) => {
-                    let round = (!s.through && in_bubble(scene, s)).then(|| mirrors(scene, s, own));
-                    goes_on_lossy(TO_EDGES, round)
-                }
-            };
+            drawn *= fork.goes_on[usize::from(s.through)];
         }
     }
     let straight = match eye {
@@ -172,7 +173,7 @@ fn kept(scene: &Scene, eye: &Eye, target: &Target, shot: &Shot) -> f64 {
     let inclined = chain.iter().find(|s| in_bubble(scene, s));
     let inside = inclined.map_or(1.0, |s| {
         let cosine = s.n.dot(s.w).abs();
-        if shot::is_wall(scene, s.hit.shape) { cosine * cosine } else { cosine }
+        if bubble::is_wall(scene, s.hit.shape) { cosine * cosine } else { cosine }
     });
     let spreads = (inside * shot.spread / (straight * target.unit())).max(1.0);
     let found = drawn / spreads;

@@ -8,6 +8,7 @@ use crate::scene::SceneDesc;
 use crate::scene::compile::LoadOptions;
 use crate::shape::{Shape, Sphere};
 use std::f64::consts::{PI, TAU};
+use std::ops::RangeInclusive;
 
 fn compile(text: &str) -> Scene {
     let desc = SceneDesc::parse(text, std::path::Path::new("shots.xml"), &[]).unwrap();
@@ -141,15 +142,10 @@ fn lines_that_graze_a_ball_arrive() {
     }
 }
 
-/// A rod of index 1 in 1.3, of radius r, seen along -z: a ray at the offset `r sin θ` (1.3 sin θ = sin θ') leaves it after m chords at the angle `α = θ + m (π - 2θ')` around it, along `α + θ`. Points behind it are seen
+/// A rod or ball of index 1 in 1.3, of radius r, seen along -z: a ray at the offset `r sin θ` (1.3 sin θ = sin θ') leaves it after m chords at the angle `α = θ + m (π - 2θ')` around it, along `α + θ`. Points behind it are seen
 /// by every m, the nearer to the critical angle the greater it is; the light of all these ways is theirs.
 #[test]
 fn ways_round_a_bubble_are_found() {
-    let text = r#"<scene version="3.0.0"><integrator type="volpath"/><sensor type="perspective"/>
-      <shape type="cylinder"><point name="p0" value="0, -9, 0"/><point name="p1" value="0, 9, 0"/><float name="radius" value="2"/>
-        <bsdf type="dielectric"><float name="int_ior" value="1"/><float name="ext_ior" value="1.3"/></bsdf></shape>
-      <emitter type="constant"/></scene>"#;
-    let scene = compile(text);
     let (r, n, e) = (2.0, 1.3, DVec3::new(-16.0, 0.0, -12.0));
     let way = |sine: f64, m: u32| {
         let (outside, inside) = (sine.asin(), (n * sine).asin());
@@ -159,28 +155,40 @@ fn ways_round_a_bubble_are_found() {
         let f = Interface::new(outside.cos(), n, 1.0).reflectance();
         (t > 0.0).then(|| (r * alpha.sin() + t * w.sin() - e.x, (1.0 - f).powi(2) * f.powi(m as i32 - 1)))
     };
-    let chords = 4..=12;
-    let (mut truth, steps) = (0.0, 200_000);
-    for m in chords.clone() {
-        // In steps of the square root of what is left to the critical angle.
-        let at = |k: i32, side: f64| way(side / n * (1.0 - (f64::from(k) / f64::from(steps)).powi(2)), m);
-        for (k, side) in (1..steps).flat_map(|k| [(k, 1.0), (k, -1.0)]) {
-            if let (Some(a), Some(b)) = (at(k, side), at(k + 1, side)) {
-                // No pole between.
-                if a.0 * b.0 < 0.0 && (a.0 - b.0).abs() < 1.0 {
-                    truth += a.1;
+    let steps = 200_000;
+    let light = |chords: RangeInclusive<u32>| {
+        let mut light = 0.0;
+        for m in chords {
+            // In steps of the square root of what is left to the critical angle.
+            let at = |k: i32, side: f64| way(side / n * (1.0 - (f64::from(k) / f64::from(steps)).powi(2)), m);
+            for (k, side) in (1..steps).flat_map(|k| [(k, 1.0), (k, -1.0)]) {
+                if let (Some(a), Some(b)) = (at(k, side), at(k + 1, side)) {
+                    // No pole between.
+                    if a.0 * b.0 < 0.0 && (a.0 - b.0).abs() < 1.0 {
+                        light += a.1;
+                    }
                 }
             }
         }
-    }
+        light
+    };
     let eye = Eye::Parallel(-DVec3::Z);
-    measures(
-        (&scene, &eye),
-        (150_000, 0.08),
-        truth,
-        |_| Target::Point(e),
-        |s| {
-            if chords.contains(&(s.chain.len() as u32 - 1)) { s.weight.mean() } else { 0.0 }
-        },
-    );
+    let rod = r#"<shape type="cylinder"><point name="p0" value="0, -9, 0"/><point name="p1" value="0, 9, 0"/>"#;
+    for (shape, chords, asked) in [(rod, 4..=12, (150_000, 0.08)), (r#"<shape type="sphere">"#, 3..=4, (600_000, 0.08))]
+    {
+        let scene = compile(&format!(
+            r#"<scene version="3.0.0"><integrator type="volpath"/><sensor type="perspective"/>
+      {shape}<float name="radius" value="{r}"/><bsdf type="dielectric"><float name="int_ior" value="1"/><float name="ext_ior" value="{n}"/></bsdf></shape>
+      <emitter type="constant"/></scene>"#
+        ));
+        measures(
+            (&scene, &eye),
+            asked,
+            light(chords.clone()),
+            |_| Target::Point(e),
+            |s| {
+                if chords.contains(&(s.chain.len() as u32 - 1)) { s.weight.mean() } else { 0.0 }
+            },
+        );
+    }
 }

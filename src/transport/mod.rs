@@ -8,6 +8,7 @@ pub mod beam_centred;
 pub mod beam_motion;
 pub mod beside;
 pub mod border;
+pub mod bubble;
 pub mod camera_line;
 pub mod chain;
 pub mod chained;

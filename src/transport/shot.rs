@@ -9,6 +9,7 @@
 //!
 //! Nothing lists chains or their solutions: both are drawn ([`super::chance`]).
 
+use super::bubble::Round;
 use super::line::Line;
 use super::ray::Specular;
 use super::specular;
@@ -23,15 +24,13 @@ use smallvec::SmallVec;
 use std::f64::consts::PI;
 
 /// Two coordinates of an eye's rays.
-type D2 = Dual<2>;
+pub(super) type D2 = Dual<2>;
 
 /// How often a step of Newton's method is halved before the search is given up. Most searches that need it oftener find nothing, and those are what time goes to: with 20 times a mesh of
 /// 320 faces took 17 times as long as with 3, for the same variance.
 const HALVINGS: i32 = 3;
 /// How near to e, over the length of the way, a ray counts as a hit.
 pub(super) const EXACT: f64 = 1e-11;
-/// Steps of Newton's method toward a sine of incidence, which is nearly linear in rays that meet a ball.
-const INCLINED: u32 = 3;
 /// How near to each other two solutions are the same.
 pub const SAME: f64 = 1e-6;
 /// How far before e, as a share of the last piece, a face may be met that e itself lies on.
@@ -83,7 +82,7 @@ fn outward(instance: &Instance, hit: &Hit) -> Option<DVec3> {
 type Faces = SmallVec<[Step; 8]>;
 
 /// The faces that the eye's ray meets along a chain; as they are given where none of them is any of a mesh's, borders or not.
-fn faces(scene: &Scene, start: Start, place: &Place, chain: &[Step]) -> Option<Faces> {
+pub(super) fn faces(scene: &Scene, start: Start, place: &Place, chain: &[Step]) -> Option<Faces> {
     if chain.iter().all(|s| s.face != ANY) {
         return Some(chain.into());
     }
@@ -258,8 +257,8 @@ pub(super) fn walk(
 }
 
 /// A ray behind a face, and the normal there that has bent it.
-struct Carried {
-    ray: (V3<D2>, V3<D2>),
+pub(super) struct Carried {
+    pub(super) ray: (V3<D2>, V3<D2>),
     n: V3<D2>,
 }
 
@@ -275,7 +274,7 @@ fn shading_normal(m: &TriangleMesh, face: u32, p: V3<D2>, front: DVec3) -> Optio
 }
 
 /// Where a ray meets one more face of a chain, whose plane, sphere or cylinder has no borders, and the normal there, which is on its front.
-fn meet(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<(V3<D2>, V3<D2>)> {
+pub(super) fn meet(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<(V3<D2>, V3<D2>)> {
     let instance = &scene.shapes[step.shape as usize];
     Some(match &instance.shape {
         Shape::Sphere(s) => {
@@ -333,7 +332,7 @@ fn meet(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<(V3<D2>,
 }
 
 /// The ray behind such a face.
-fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<Carried> {
+pub(super) fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<Carried> {
     let (p, n) = meet(scene, (o, d), step)?;
     let c = n.dot(d);
     let out = match scene.surface_of(step.shape) {
@@ -350,7 +349,7 @@ fn carry(scene: &Scene, (o, d): (V3<D2>, V3<D2>), step: &Step) -> Option<Carried
 
 impl Eye {
     /// The ray a little off `s`, along the two coordinates; the frame of the coordinates is told by w alone.
-    fn ray(&self, s: Start) -> (V3<D2>, V3<D2>) {
+    pub(super) fn ray(&self, s: Start) -> (V3<D2>, V3<D2>) {
         let (x, y) = warp::frame(s.w);
         let off = V3::constant(x) * Dual::variable(0.0, 0) + V3::constant(y) * Dual::variable(0.0, 1);
         match self {
@@ -368,7 +367,7 @@ impl Eye {
         }
     }
 
-    fn step(&self, s: Start, by: DVec2) -> Start {
+    pub(super) fn step(&self, s: Start, by: DVec2) -> Start {
         let (x, y) = warp::frame(s.w);
         let off = x * by.x + y * by.y;
         match self {
@@ -484,6 +483,7 @@ pub(super) fn solve(
     let mut at = start;
     let mut m = miss(scene, eye, at, place, chain, target)?;
     let size = (target.middle() - start.o).length();
+    let round = Round::of(scene, eye, place, chain);
     for _ in 0..50 {
         if m.off.length() <= EXACT * m.length {
             return Some((at, m));
@@ -500,9 +500,13 @@ pub(super) fn solve(
             return None;
         }
         // A step that loses the chain, or leads away from it, is halved.
-        let course = Course::of(scene, eye, at, place, chain);
+        let course = round.as_ref().and_then(|round| round.course(at));
         let better = (0..HALVINGS).find_map(|k| {
-            let next = course.step(scene, eye, at, place, by * 0.5f64.powi(k))?;
+            let by = by * 0.5f64.powi(k);
+            let next = match &round {
+                None => eye.step(at, by),
+                Some(round) => round.step(at, course.as_ref()?, by)?,
+            };
             let n = miss(scene, eye, next, place, chain, target)?;
             (n.off.length() < m.off.length()).then_some((next, n))
         });
@@ -625,77 +629,4 @@ pub fn to_point(
 
 pub fn steps(scene: &Scene, chain: &[Specular]) -> Vec<Step> {
     chain.iter().map(|s| Step::of(scene, s)).collect()
-}
-
-/// Of a bubble's wall, of less index inside of its curve than outside: the sine of incidence from which on it mirrors all that comes from outside.
-pub fn critical(scene: &Scene, shape: u32) -> Option<f64> {
-    let Surface::Dielectric { interior, exterior, .. } = scene.surface_of(shape) else { return None };
-    let instance = &scene.shapes[shape as usize];
-    let out = match &instance.shape {
-        Shape::Sphere(s) => s.normal(0, s.center + DVec3::X * s.radius).x,
-        Shape::Cylinder(q) => {
-            let (x, _) = warp::frame(q.axis);
-            q.normal(0, q.base + x * q.radius).dot(x)
-        }
-        Shape::Mesh(_) if !has_flat_faces(instance) => 1.0,
-        _ => return None,
-    };
-    let inside_out = if out > 0.0 { interior / exterior } else { exterior / interior };
-    (inside_out < 1.0).then_some(inside_out)
-}
-
-/// Whether rays of a bubble's critical angle are a line, straight across it, and no circle.
-pub fn is_wall(scene: &Scene, shape: u32) -> bool {
-    matches!(scene.shapes[shape as usize].shape, Shape::Cylinder(_))
-}
-
-/// The sine of incidence at a chain's last face.
-fn incidence(scene: &Scene, eye: &Eye, at: Start, place: &Place, chain: &[Step]) -> Option<D2> {
-    effort::note(1);
-    let mut ray = eye.ray(at);
-    let known = faces(scene, at, place, chain)?;
-    let (last, before) = known.split_last()?;
-    for step in before {
-        ray = carry(scene, ray, step)?.ray;
-    }
-    let sine = meet(scene, ray, last)?.1.cross(ray.1);
-    Some(sine.dot(sine).sqrt())
-}
-
-/// A ray of the eye at which that is `sine`, or nearly, from one near it.
-pub fn inclined(scene: &Scene, eye: &Eye, near: Start, place: &Place, chain: &[Step], sine: f64) -> Option<Start> {
-    let mut at = near;
-    for _ in 0..INCLINED {
-        let is = incidence(scene, eye, at, place, chain)?;
-        let slope = DVec2::new(is.d[0], is.d[1]);
-        at = eye.step(at, slope * ((sine - is.v) / slope.length_squared()));
-    }
-    (at.o.is_finite() && at.w.is_finite()).then_some(at)
-}
-
-/// How a step of Newton's method goes: straight, or, of a ray that is mirrored inside of a bubble that is a ball, so that the sine of incidence there goes as the step says. Where that is nearly critical a straight step would leave
-/// the circle in which it is.
-struct Course<'a> {
-    to_bubble: &'a [Step],
-    sine: Option<D2>,
-}
-
-impl<'a> Course<'a> {
-    fn of(scene: &Scene, eye: &Eye, at: Start, place: &Place, chain: &'a [Step]) -> Course<'a> {
-        let goes_round = |s: &[Step]| {
-            let round = s[0].through && !s[0].inside && s[1].shape == s[0].shape && !s[1].through;
-            round && !is_wall(scene, s[0].shape) && critical(scene, s[0].shape).is_some()
-        };
-        let Some(k) = chain.windows(2).position(goes_round) else { return Course { to_bubble: &[], sine: None } };
-        let to_bubble = &chain[..=k];
-        Course { to_bubble, sine: incidence(scene, eye, at, place, to_bubble) }
-    }
-
-    fn step(&self, scene: &Scene, eye: &Eye, at: Start, place: &Place, by: DVec2) -> Option<Start> {
-        let next = eye.step(at, by);
-        match self.sine {
-            None => Some(next),
-            Some(s) => inclined(scene, eye, next, place, self.to_bubble, s.v + by.dot(DVec2::new(s.d[0], s.d[1]))),
-        }
-    }
 }
