@@ -109,13 +109,13 @@ pub struct Warning {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WarningKind {
-    /// A shape bounds a medium but scatters or absorbs: `<bsdf type="null"/>` forgotten?
+    /// Only shapes that scatter or absorb bound a medium: `<bsdf type="null"/>` forgotten?
     MediumBehindOpaqueBoundary,
     /// The camera stands in a medium that the sensor does not name.
     CameraInUnnamedMedium,
     /// A medium's boundary mesh has holes, or is closed only after welding.
     LeakyBoundary,
-    /// A mesh of glass has holes, or faces turned inside out.
+    /// A mesh of glass has holes, or faces turned inside out; a disk that closes a tube is not one with it.
     OpenInterface,
     /// A number that is allowed, but hardly meant.
     UnlikelyValue,

@@ -138,6 +138,11 @@ pub fn inverse_square<R: Real>(u: V3<R>) -> R {
     u.length_squared().recip()
 }
 
+/// By rays along `direction`, which begin at this distance.
+fn parallel(direction: DVec3, distance: f64, emission: Emission) -> Arrival {
+    Arrival { w: -direction, distance, factor: 1.0, emission, pdf: 0.0, target: None, n: DVec3::ZERO }
+}
+
 impl Light {
     pub fn emission(&self, unit: Rgb) -> Emission {
         Emission { first: self.slot, per_channel: !matches!(self.kind, LightKind::Envmap(_)), unit, value: self.value }
@@ -204,13 +209,26 @@ impl Light {
 
     /// What such a light sends toward a point: intensity, or irradiance across its rays.
     pub fn emission_toward(&self, p: DVec3) -> Option<Emission> {
+        self.straight(p).map(|a| a.emission)
+    }
+
+    /// What such a light, or a beam, brings straight to a point.
+    pub fn straight(&self, p: DVec3) -> Option<Arrival> {
         let LightKind::Beam { position, direction, radius, gaussian } = self.kind else {
-            return self.sample(p, 0.0, 0.0).map(|a| a.emission);
+            return self.sample(p, 0.0, 0.0);
         };
         let m = p - position;
         let along = m.dot(direction);
         let e = beam_profile((m - direction * along).length(), radius, gaussian);
-        (along >= 0.0 && e > 0.0).then(|| self.emission(Rgb::splat(e)))
+        (along >= 0.0 && e > 0.0).then(|| parallel(direction, along, self.emission(Rgb::splat(e))))
+    }
+
+    /// The same on the very edge of its profile, at full intensity: there rounding decides what the profile is. `d`: from the point back along its ray to where that leaves the light.
+    pub fn within_edge(&self, d: DVec3) -> Arrival {
+        match self.kind {
+            LightKind::Beam { direction, .. } => parallel(direction, d.length(), self.emission(Rgb::ONE)),
+            _ => self.along(d),
+        }
     }
 
     /// Arrival from a position, `d` from the point to it, at full intensity.
@@ -229,15 +247,7 @@ impl Light {
                 let s = spot_falloff(-a.w.dot(*axis), *beam, *cutoff);
                 (s > 0.0).then(|| Arrival { emission: self.emission(Rgb::splat(s)), ..a })
             }
-            LightKind::Directional { direction } => Some(Arrival {
-                w: -*direction,
-                distance: f64::INFINITY,
-                factor: 1.0,
-                emission: self.emission(Rgb::ONE),
-                pdf: 0.0,
-                target: None,
-                n: DVec3::ZERO,
-            }),
+            LightKind::Directional { direction } => Some(parallel(*direction, f64::INFINITY, self.emission(Rgb::ONE))),
             LightKind::Envmap(e) => {
                 let (w, pdf, radiance) = e.sample(u, v);
                 (pdf > 0.0).then(|| Arrival {

@@ -107,11 +107,12 @@ pub fn cause(p: &Parts<f64>, term: Term, m: &Motion) -> Option<Cause> {
     match term {
         Term::C => {
             // What stands in a beam is the reason that comes first (`plan::needed`).
-            let has_beam = p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Beam { .. }));
+            let has_beam = p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Beam { .. }))
+                && p.shapes.iter().any(|s| is_smooth(p, s.surface));
             let cuts = p.shapes.iter().find(|s| has_beam && is_outlined(p, s.surface));
             match cuts {
                 Some(s) => {
-                    let remedy = "take it out of the scene, or use a directional light in place of the beam";
+                    let remedy = "take it, or the glass and mirrors, out of the scene; or use a directional light in place of the beam";
                     Some(Cause::of_shape(s, remedy))
                 }
                 None => unlit(

@@ -139,6 +139,8 @@ pub struct Facts {
     pub beam: bool,
     /// And something opaque that may stand in it.
     pub cut_beam: bool,
+    /// A beam where nothing mirrors or refracts.
+    pub straight_beam: bool,
     pub area_light: bool,
     /// The density of some medium jumps at a visible border (its box, its shape).
     pub border_jump: bool,
@@ -186,6 +188,8 @@ pub struct Motion {
     pub profile: bool,
     /// A collimated beam: where it is, its direction, its radius.
     pub beam: bool,
+    /// Its direction.
+    pub beam_turns: bool,
     pub area_light: bool,
     pub opaque: bool,
     pub camera: bool,
@@ -228,12 +232,15 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(m.beam, &[M], "a beam moves, or its profile changes");
     add(m.beam && f.hard_profile, &[H], "its profile has a hard edge");
     let any = m.beam || m.opaque || m.area_light || m.camera || m.ior || m.interface || m.zero_measure_light;
-    add(any && f.cut_beam, &[C], "something opaque may stand in a beam");
-    let shadow = m.zero_measure_light && f.occluders;
+    add(any && f.straight_beam && f.medium, &[H], "a beam may begin inside a medium");
+    add(any && f.cut_beam, &[C], "something opaque may stand in a beam, beside glass or mirrors");
+    let shadow = (m.zero_measure_light || m.beam_turns && f.straight_beam) && f.occluders;
     add(shadow && f.medium, &[G], "a light moves, occluders cast shadows in a medium");
     add(shadow && f.reflecting, &[R], "a light moves, occluders cast shadows on surfaces");
 
-    let both = f.zero_measure_light && m.opaque;
+    // Straight beams cast shadows like a light without extent.
+    let casts = f.zero_measure_light || f.straight_beam;
+    let both = casts && m.opaque;
     add(m.opaque, &[M, E1], "something opaque moves");
     add(m.opaque && f.medium, &[E2], "something opaque moves in a medium");
     add(m.opaque && (!f.medium || f.reflecting), &[E3], "something opaque moves, surfaces scatter");
@@ -245,8 +252,8 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(seen, &[E1], "the camera moves past surfaces");
     add(seen && f.medium, &[E2], "vertices ride on camera rays past static silhouettes");
     add(seen && f.reflecting, &[E3], "hits ride on camera rays");
-    add(seen && f.zero_measure_light && f.medium, &[G], "vertices ride on camera rays through shadows");
-    add(seen && f.zero_measure_light && f.reflecting, &[R], "hits ride on camera rays through shadows");
+    add(seen && casts && f.medium, &[G], "vertices ride on camera rays through shadows");
+    add(seen && casts && f.reflecting, &[R], "hits ride on camera rays through shadows");
 
     let anything = m.opaque || m.camera || m.zero_measure_light || m.area_light;
     // No D: where medium points go with what their ray meets ([T] (58), (60)) no face is swept.
@@ -455,8 +462,9 @@ impl Plan {
     pub fn refuse(&self) -> Result<()> {
         // Best where there is something to do.
         let Some(m) = self.missing.iter().find(|m| m.cause.is_some()).or(self.missing.first()) else { return Ok(()) };
+        let of = |t: &Term| self.missing.iter().any(|m| m.term == *t);
         let rest: Vec<String> =
-            self.missing.iter().map(|m| format!("{} ({})", m.term.room(), m.term.letters())).collect();
+            Term::ALL.iter().filter(|t| of(t)).map(|t| format!("{} ({})", t.room(), t.letters())).collect();
         let (name, term, why) = (&m.parameter, m.term, m.why);
         let what = format!("d/d{name} needs {} ({}), which is not available yet: {why}", term.room(), term.what());
         let rest = format!(
@@ -522,7 +530,10 @@ pub fn facts(p: &Parts<f64>) -> Facts {
             _ => false,
         }),
         beam: p.lights.iter().any(|l| beam(&l.kind)),
-        cut_beam: p.lights.iter().any(|l| beam(&l.kind)) && p.shapes.iter().any(|s| outlined(s.surface)),
+        cut_beam: p.lights.iter().any(|l| beam(&l.kind))
+            && p.shapes.iter().any(|s| smooth(s.surface))
+            && p.shapes.iter().any(|s| outlined(s.surface)),
+        straight_beam: p.lights.iter().any(|l| beam(&l.kind)) && !p.shapes.iter().any(|s| smooth(s.surface)),
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         only_panes: p.shapes.iter().any(|s| smooth(s.surface))
@@ -590,6 +601,7 @@ pub fn motion(p: &Parts<f64>, d: &Parts<Dual<1>>) -> Motion {
                 if matches!(p.lights[i].kind, LightKindPart::Beam { .. }) =>
             {
                 m.beam = true;
+                m.beam_turns |= matches!(what, Movable::LightDirection(_));
             }
             Movable::LightPosition(_) => {
                 m.zero_measure_light = true;

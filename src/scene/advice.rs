@@ -1,6 +1,7 @@
 //! Warnings that need the whole scene: cameras and lights in media that they do not name, light that smooth surfaces send on and nothing follows, and what the derivatives by some parameters leave out.
 
 use super::chains::{MOST, has_flat_faces};
+use super::lids;
 use super::parts::{LightKindPart, Movable, Parts, ShapeKind, ShapePart, SurfacePart};
 use super::{On, Scene, SceneDesc, arrays};
 use crate::error::{Result, Span, Warning, WarningKind};
@@ -62,6 +63,8 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
             ));
         }
     }
+    shut(parts, &mut found);
+    found.extend(lids::advise(scene, parts));
     for s in &parts.shapes {
         let SurfacePart::Rough { alpha, .. } = &parts.surfaces[s.surface] else { continue };
         if *alpha > 1.0 {
@@ -112,6 +115,25 @@ pub fn advise(scene: &mut Scene, parts: &Parts<f64>) {
         ));
     }
     scene.warnings.extend(found);
+}
+
+/// Media that only opaque shapes bound, and no camera is in.
+fn shut(parts: &Parts<f64>, found: &mut Vec<Warning>) {
+    let is_opaque = |s: &&ShapePart<f64>| !parts.surfaces[s.surface].is_transparent();
+    let sides = |s: &ShapePart<f64>| [s.interior, s.exterior].into_iter().flatten();
+    let mut open = vec![false; parts.media.len()];
+    let ways = parts.shapes.iter().filter(|s| !is_opaque(s)).flat_map(sides);
+    ways.chain(parts.sensors.iter().filter_map(|s| s.medium)).for_each(|m| open[m] = true);
+    for s in parts.shapes.iter().filter(is_opaque) {
+        let Some(m) = sides(s).find(|&m| !open[m]) else { continue };
+        let default = if s.default_surface { "no <bsdf> (so a diffuse one)" } else { "an opaque <bsdf>" };
+        let what = format!(
+            "shape `{}` bounds the medium `{}` but has {default}, and nothing else lets light in",
+            s.name, parts.media[m].name
+        );
+        let hint = "add <bsdf type=\"null\"/> for an index-matched boundary; a camera in the medium names it".into();
+        found.push(warning(WarningKind::MediumBehindOpaqueBoundary, &s.span, what, hint));
+    }
 }
 
 /// What derivatives by these parameters are known to leave out.

@@ -271,16 +271,6 @@ fn instance(s: &ShapePart<f64>, parts: &Parts<f64>, mover: Mover, warnings: &mut
         }
     };
     let boundary = s.interior.is_some() || s.exterior.is_some();
-    let opaque = !parts.surfaces[s.surface].is_transparent();
-    if boundary && opaque {
-        let default = if s.default_surface { "no <bsdf> (so a diffuse one)" } else { "an opaque <bsdf>" };
-        warnings.push(Warning {
-            kind: WarningKind::MediumBehindOpaqueBoundary,
-            span: s.span.clone(),
-            what: format!("shape `{}` bounds a medium but has {default}: no light gets in", s.name),
-            hint: "add <bsdf type=\"null\"/> for an index-matched boundary".into(),
-        });
-    }
     if let Shape::Mesh(m) = &shape {
         let mut warn = |kind, what: String, hint: &str| {
             let what = format!("shape `{}`: {what}", s.name);

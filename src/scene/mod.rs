@@ -17,6 +17,7 @@ pub mod effort;
 pub mod frame;
 pub mod geometry;
 pub mod lamps;
+pub mod lids;
 pub mod lights;
 pub mod march;
 pub mod matter;

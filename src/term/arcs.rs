@@ -88,6 +88,7 @@ impl Outlines {
                             distant: false,
                             crossed: true,
                             profile: false,
+                            in_media: true,
                         },
                         rho,
                     );
@@ -110,6 +111,7 @@ impl Outlines {
                         distant: true,
                         crossed: true,
                         profile: false,
+                        in_media: true,
                     };
                     found(t, ray, (u - (b - a) * s).dot(d));
                 }
@@ -140,6 +142,7 @@ impl Outlines {
                                 distant: false,
                                 crossed: true,
                                 profile: false,
+                                in_media: true,
                             },
                             rho,
                         );
@@ -158,10 +161,11 @@ impl Outlines {
                         w: d,
                         near: 0.0,
                         n,
-                        across: 1.0 / (TAU * r),
+                        across: 1.0 / (TAU * r * self.list[i].part[1]),
                         distant: true,
                         crossed: true,
                         profile: false,
+                        in_media: true,
                     };
                     found(t, ray, (o + w * t - c).dot(d));
                 }

@@ -122,7 +122,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         );
         return Err(Error::scene(&a.span, what, "keep them apart"));
     }
-    interfaces::touching(scene)?;
+    interfaces::touching(scene, motion)?;
     interfaces::contacts(scene, motion)?;
     if let Some((a, b)) = cast_border::overlapping(scene, &motion.rims, |a, b| motion.class(a) != motion.class(b)) {
         let [a, b] = [a, b].map(|k| &scene.shapes[k as usize]);

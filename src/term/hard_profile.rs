@@ -1,9 +1,12 @@
-//! The hard edge of a spot's cone moves: term H of [T] section 3 ([T] 5.3, (62c)).
+//! Where the profile of a light ends moves: term H of [T] section 3 ([T] 5.3, (62c)). The hard edge of a spot's cone; those of beams are [`super::hard_beam`]'s in media, [`super::beam_spot`]'s on
+//! surfaces, and where beams begin [`super::beam_start`]'s.
 //!
 //! The cone `<u,d> = cos θ |u|`, u = y - p, is a sheet like a shadow's, with nothing standing on its rays: n = (d - cos θ u/ρ) / sin θ
 //! toward the axis and `v_n = <n,ṗ> - <u,ḋ>/sin θ - ρ θ̇`, less the point's own motion: in a medium that scatters more than once points near the apex
 //! go with it ([`crate::transport::field`]), so that v_n vanishes there.
 
+use super::beam_spot::BeamSpot;
+use super::beam_start::BeamStart;
 use super::ends::{self, Point, Watch};
 use super::hard_beam::HardBeams;
 use super::sheet::{Partials, Ray, Reach};
@@ -23,6 +26,9 @@ pub const NAME: &str = "hard_profile";
 
 pub struct HardProfile {
     cones: Vec<Cone>,
+    spots: Vec<BeamSpot>,
+    starts: Vec<BeamStart>,
+    /// Of cones, then spots, then starts.
     table: Discrete,
     reach: Reach,
     beams: Option<HardBeams>,
@@ -40,7 +46,7 @@ struct Cone {
 }
 
 impl HardProfile {
-    /// Every spot with a hard edge that moves in any way, and all hard beams; `None` if there is none.
+    /// Every spot light with a hard edge that moves in any way, and all hard beams; `None` if there is none.
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion) -> Option<HardProfile> {
         let cone = |(i, (l, m)): (usize, (&crate::light::Light, &LightMotion))| match l.kind {
             LightKind::Spot { position, axis, beam, cutoff }
@@ -52,11 +58,15 @@ impl HardProfile {
             _ => None,
         };
         let cones: Vec<Cone> = scene.lights.iter().zip(&motion.lights).enumerate().filter_map(cone).collect();
-        let power = |c: &Cone| scene.lights[c.light as usize].value.max().max(f64::MIN_POSITIVE);
-        let table = Discrete::new(cones.iter().map(power));
+        let spots = BeamSpot::all(scene, motion);
+        let starts = BeamStart::all(scene, motion);
+        let lights = cones.iter().map(|c| c.light).chain(spots.iter().map(BeamSpot::light));
+        let lights = lights.chain(starts.iter().map(BeamStart::light));
+        let power = |id: u32| scene.lights[id as usize].value.max().max(f64::MIN_POSITIVE);
+        let table = Discrete::new(lights.map(power));
         let beams = HardBeams::prepare(scene, motion);
-        let any = beams.is_some() || !cones.is_empty();
-        any.then(|| HardProfile { cones, table, reach: Reach::new(scene, sensor), beams })
+        let any = beams.is_some() || !table.is_empty();
+        any.then(|| HardProfile { cones, spots, starts, table, reach: Reach::new(scene, sensor), beams })
     }
 }
 
@@ -75,6 +85,7 @@ impl Cone {
             distant: false,
             crossed: true,
             profile: true,
+            in_media: true,
         }
     }
 
@@ -118,6 +129,10 @@ impl Room for HardProfile {
         if let Some(beams) = &self.beams {
             beams.along(cx, film, *rng, emit);
         }
+        for (i, start) in self.starts.iter().enumerate() {
+            let probability = self.table.probability(self.cones.len() + self.spots.len() + i);
+            start.along(cx, film, probability, emit);
+        }
         if self.cones.is_empty() {
             return;
         }
@@ -139,18 +154,31 @@ impl Room for HardProfile {
     }
 
     fn has_outward(&self) -> bool {
-        !self.cones.is_empty()
+        !self.table.is_empty()
     }
 
     fn guided_numbers(&self) -> usize {
-        if self.cones.is_empty() { 0 } else { DIMENSIONS }
+        if self.table.is_empty() { 0 } else { DIMENSIONS }
     }
 
     fn outward(&self, cx: &mut Context, lead: &Numbers, rng: &mut Rng, emit: &mut dyn FnMut(&Sample)) {
-        if self.cones.is_empty() {
+        if self.table.is_empty() {
             return;
         }
         let (k, probability, u) = self.table.sample(lead[0]);
+        let (of_spot, of_start) = (k.checked_sub(self.cones.len()), k.checked_sub(self.cones.len() + self.spots.len()));
+        if let Some(i) = of_start {
+            let own = (&self.reach, probability);
+            return self.starts[i].outward(cx, own, (u, &lead[1..]), rng, emit);
+        }
+        if let Some(i) = of_spot {
+            let spot = &self.spots[i];
+            let ray = spot.ray(u);
+            let ray = Ray { across: ray.across * probability, ..ray };
+            let motion =
+                |cx: &Context, rho: f64, point: &Point, watch: &Watch| spot.motion(cx, &ray, rho, point, watch);
+            return sheet_samples::outward(cx, &self.reach, &ray, &[], &motion, &lead[1..], rng, emit);
+        }
         let cone = &self.cones[k];
         let (x, y) = warp::frame(cone.axis);
         let (s, c) = (TAU * u).sin_cos();

@@ -4,6 +4,7 @@
 //! the interface itself, are [`super::virtual_edge`]'s. What is left are outlines of balls and cylinders that are bright from one side alone, and shadows of lights without extent that are cast through it ([`panes`] says where there are none). A smooth
 //! silhouette of glass is no jump: at grazing all light is mirrored, straight on.
 
+use super::beam_start::BeamStart;
 use super::rims::Rim;
 use super::{Motion, cast, contact, ends, panes};
 use crate::error::{Error, Result};
@@ -16,15 +17,17 @@ use crate::scene::nearest::Kind;
 use crate::scene::panes::PARALLEL;
 use crate::scene::{Instance, Scene};
 use crate::shape::edges::with_corners;
-use crate::shape::{Bounds, Geometry, Shape};
-use crate::surface::Surface;
+use crate::shape::{Bounds, Disk, Geometry, Shape};
 use rayon::prelude::*;
 use std::cell::OnceCell;
+use std::f64::consts::{PI, TAU};
 
 /// Faces of a smooth mesh at most: every chain of them has to be found by chance.
 pub(super) const FACETS: u32 = 512;
 /// Where an edge is looked at for what it touches.
 const PLACES: [f64; 5] = [0.02, 0.27, 0.5, 0.73, 0.98];
+/// Corners of a polygon that stands for a disk: larger by 1/cos(π/100) - 1, a half of a thousandth.
+const ROUND: usize = 100;
 
 pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     beams(scene, motion)?;
@@ -64,7 +67,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
         );
         return Err(Error::scene(&s.span, what, "make it two-sided, or of flat faces"));
     }
-    touching(scene)?;
+    touching(scene, motion)?;
     contacts(scene, motion)?;
     outlines(scene, motion)?;
     let outer = scene.around(scene.sensors.first()).outer;
@@ -155,41 +158,52 @@ fn are_apart(scene: &Scene, a: &Instance, b: &Instance) -> bool {
     single(a) && single(b) && n.cross(m).length() <= PARALLEL && (q - p).dot(n).abs() > ends::contact(scene)
 }
 
-/// Triangles of a shape of flat faces, with the boxes around them.
+/// Triangles of a shape of flat faces, with the boxes around them; of a disk, those of a polygon that holds it.
 fn triangles(s: &Shape) -> Vec<(Bounds, [DVec3; 3])> {
     let mut all = Vec::new();
-    for f in 0..s.face_count() {
-        with_corners(s, f, |c| all.extend((2..c.len()).map(|k| [c[0], c[k - 1], c[k]])));
+    let mut fan = |c: &[DVec3]| all.extend((2..c.len()).map(|k| [c[0], c[k - 1], c[k]]));
+    match s {
+        Shape::Disk(d) => fan(&around(d)),
+        _ => (0..s.face_count()).for_each(|f| _ = with_corners(s, f, &mut fan)),
     }
     all.into_iter().map(|t| (t.into_iter().collect(), t)).collect()
 }
 
-/// Smooth faces of two shapes that meet, where rays part. Those of glass without an inside, whose borders count as out of sight, and disks must have boxes around them that are apart.
-pub(super) fn touching(scene: &Scene) -> Result<()> {
-    let is_glass = |s: &Instance| matches!(scene.surfaces[s.surface as usize], Surface::Dielectric { .. });
-    let is_pane = |s: &Instance| match s.shape {
-        Shape::Rectangle(_) => is_glass(s),
-        Shape::Disk(_) => true,
-        _ => false,
+/// Corners of a polygon around a disk.
+fn around(d: &Disk) -> [DVec3; ROUND] {
+    std::array::from_fn(|k| {
+        let (s, c) = (TAU * k as f64 / ROUND as f64).sin_cos();
+        d.placement.point(DVec3::new(c, s, 0.0) / (PI / ROUND as f64).cos())
+    })
+}
+
+/// Smooth faces of two shapes that meet, where rays part. Those of glass without an inside, whose borders count as out of sight, must have boxes around them that are apart.
+pub(super) fn touching(scene: &Scene, motion: &Motion) -> Result<()> {
+    // A disk that closes a tube has an inside with it.
+    let ends = |id: u32| motion.rims.iter().any(|r| r.bounds_half_space(scene) && r.shapes().any(|s| s == id));
+    let is_pane = |&(id, s): &(u32, &Instance)| match s.shape {
+        Shape::Disk(_) => ends(id),
+        _ => scene.is_half_space(id),
     };
     let reach = contact::reach(scene);
-    let counts = |s: &&Instance| {
+    let counts = |(_, s): &(u32, &Instance)| {
         let smooth = scene.surfaces[s.surface as usize].is_smooth();
         // Panels of one body may be meshes of their own.
         smooth && s.shape.face_count() <= FACETS && (is_flat(&s.shape) || s.shape.is_closed() && has_flat_faces(s))
     };
-    let smooth: Vec<&Instance> = scene.shapes.iter().filter(counts).collect();
+    let smooth: Vec<(u32, &Instance)> = (0..).zip(&scene.shapes).filter(counts).collect();
     let met = |i: usize| {
         let (a, own) = (smooth[i], OnceCell::new());
-        let meets = |b: &&&Instance| {
-            if a.shape.bounds().gap(&b.shape.bounds()) > reach || are_apart(scene, a, b) {
+        let meets = |b: &&(u32, &Instance)| {
+            let [first, second] = [a.1, b.1];
+            if first.shape.bounds().gap(&second.shape.bounds()) > reach || are_apart(scene, first, second) {
                 return false;
             }
-            if is_pane(a) || is_pane(b) {
-                return is_flat(&a.shape) && is_flat(&b.shape);
+            if is_pane(&a) || is_pane(b) {
+                return is_flat(&first.shape) && is_flat(&second.shape);
             }
-            let own: &Vec<_> = own.get_or_init(|| triangles(&a.shape));
-            triangles(&b.shape).iter().any(|(around, t)| {
+            let own: &Vec<_> = own.get_or_init(|| triangles(&first.shape));
+            triangles(&second.shape).iter().any(|(around, t)| {
                 own.iter().any(|(box_of, o)| around.gap(box_of) <= reach && between_triangles(*o, *t) <= reach)
             })
         };
@@ -197,17 +211,20 @@ pub(super) fn touching(scene: &Scene) -> Result<()> {
     };
     let Some((a, b)) = (0..smooth.len()).into_par_iter().find_map_first(met) else { return Ok(()) };
     // Of panes only the boxes around them are known to meet.
-    let may = if is_pane(a) || is_pane(b) { "may " } else { "" };
+    let pane = is_pane(&a) || is_pane(&b);
+    let may = if pane { "may " } else { "" };
     let what = format!(
         "`{}` and `{}` mirror or refract and {may}touch, or pass through each other: rays part there, which cannot be differentiated yet",
-        a.name, b.name
+        a.1.name, b.1.name
     );
-    let remedy = if is_pane(a) || is_pane(b) {
-        "keep them apart, so that the boxes around them (along the axes) do not meet; or make bodies of them: cubes, closed meshes"
+    let remedy = if pane {
+        "keep them apart, so that the boxes around them (along the axes) do not meet; or make bodies of them: cubes, closed meshes, cylinders that two disks close (same rims, same bsdf, moving with them)"
+    } else if [a, b].iter().any(|s| matches!(s.1.shape, Shape::Disk(_))) {
+        "leave a gap between them (a thousandth of the disk's size is enough)"
     } else {
         "leave a gap between them (a millionth of the scene's size is enough)"
     };
-    Err(Error::scene(&b.span, what, remedy))
+    Err(Error::scene(&b.1.span, what, remedy))
 }
 
 /// An edge on a smooth face that is not its own is seen from the other side through that face, or hidden behind it, which [`super::virtual_edge`] does not tell; the border of a half-space of glass
@@ -301,12 +318,13 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
         let smooth = scene.surfaces[s.surface as usize].is_smooth();
         smooth && !is_flat(&s.shape) || scene.is_round_mirror(s)
     };
-    if let Some(s) = scene.shapes.iter().find(|s| is_outlined(scene, s) || curved(s)) {
+    let smooth = scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
+    if let Some(s) = scene.shapes.iter().filter(|_| smooth).find(|s| is_outlined(scene, s) || curved(s)) {
         let what = format!(
-            "`{}` may stand in the beam `{}`: how its shadow there moves cannot be told yet",
+            "`{}` may stand in the beam `{}`, beside glass or mirrors: how its shadow there moves cannot be told yet",
             s.name, beam.name
         );
-        return Err(Error::scene(&s.span, what, "take it out, or use a directional light"));
+        return Err(Error::scene(&s.span, what, "take it, or the glass and mirrors, out; or use a directional light"));
     }
     for (i, l) in scene.lights.iter().enumerate() {
         let LightKind::Beam { position, direction, .. } = l.kind else { continue };
@@ -319,13 +337,13 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
             let remedy = "make that larger, or the beam narrower; a Gaussian beam has six radii, and its way goes on by all faces";
             return Err(Error::scene(&s.span, what, remedy));
         }
-        if scene.medium_past(position, direction, &[], &scene.around(scene.sensors.first())).is_some() {
+        if smooth && scene.medium_past(position, direction, &[], &scene.around(scene.sensors.first())).is_some() {
             let what = format!(
-                "the beam `{}` begins inside a medium, and something moves: this cannot be differentiated yet",
+                "the beam `{}` begins inside a medium, beside glass or mirrors, and something moves: this cannot be differentiated yet",
                 l.name
             );
             return Err(Error::usage(what, "let it begin outside"));
         }
     }
-    Ok(())
+    BeamStart::all(scene, motion).iter().try_for_each(|b| b.check(scene))
 }

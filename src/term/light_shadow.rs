@@ -53,7 +53,7 @@ impl LightShadow {
             .then(|| Casts::prepare(scene, sensor, motion, margin));
         let mut lights = Vec::new();
         for (i, (l, m)) in scene.lights.iter().zip(&motion.lights).enumerate() {
-            if !l.is_delta() || smooth {
+            if l.origin().is_none() || smooth {
                 continue;
             }
             let slot = match l.center() {
@@ -61,7 +61,8 @@ impl LightShadow {
                 None if m.direction => Some(l.place.direction),
                 _ => None,
             };
-            let surfaces = motion.surfaces();
+            // By themselves beams move no shadows of others, and turning no point of a medium.
+            let surfaces = motion.moving.matter();
             if slot.is_some() || surfaces {
                 let outlines = Outlines::of_light(scene, motion, i as u32);
                 lights.extend(outlines.map(|outlines| Shadow { outlines, slot, surfaces }));

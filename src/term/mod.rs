@@ -8,6 +8,8 @@
 pub mod aim;
 pub mod arcs;
 pub mod beam_rim;
+pub mod beam_spot;
+pub mod beam_start;
 pub mod cast;
 mod cast_border;
 mod cast_sheet;

@@ -5,7 +5,7 @@
 //! silhouettes, and creases between two faces that it sees both.
 
 use super::Motion;
-use super::arcs::Node;
+use super::arcs::{Node, quadratic};
 use super::edge_set::SharedEdge;
 use super::rims::Rim;
 use super::sheet::{Grazed, Ray};
@@ -13,6 +13,7 @@ use crate::light::LightKind;
 use crate::math::discrete::Discrete;
 use crate::math::{DVec3, warp};
 use crate::scene::Scene;
+use crate::scene::beams::GAUSSIAN;
 use crate::sensor::{Projection, Sensor};
 use crate::shape::edges::FLAT;
 use crate::shape::{Cylinder, Geometry, Shape};
@@ -26,6 +27,8 @@ const DEGENERATE: f64 = 1e-14;
 const BLIND: f64 = 0.1;
 /// Cosine between the normals of a sharp crease's faces, at most.
 const SHARP: f64 = 0.7;
+/// All of a circle.
+const WHOLE: [f64; 2] = [0.0, 1.0];
 /// Sides of the polygon that stands for a rim.
 const SIDES: u32 = 48;
 
@@ -45,6 +48,8 @@ pub(super) struct Outline {
     /// Shapes whose outline it is, of meshes with their faces there, of rims with those; a smooth shape's line of contact names nothing.
     pub grazed: Vec<(u32, Vec<u32>)>,
     pub faces: Faces,
+    /// Of a sphere's circle seen from afar, where it begins and how far it goes, in turns.
+    pub part: [f64; 2],
 }
 
 /// Faces (shape, face) at an outline.
@@ -94,13 +99,17 @@ impl Outlines {
     pub fn of_light(scene: &Scene, motion: &Motion, id: u32) -> Option<Outlines> {
         let source = match scene.lights[id as usize].kind {
             LightKind::Point { position } | LightKind::Spot { position, .. } => Source::Point(position),
-            LightKind::Directional { direction } => Source::Distant(direction),
+            LightKind::Directional { direction } | LightKind::Beam { direction, .. } => Source::Distant(direction),
             _ => return None,
         };
         let mut o = Outlines::new(scene, motion, source, |_| true, Creases::None);
         o.light = id;
+        if let LightKind::Beam { position, direction, radius, gaussian } = scene.lights[id as usize].kind {
+            let reach = radius * if gaussian { GAUSSIAN } else { 1.0 };
+            o.keep_within(position, direction, reach);
+        }
         let seen = |e: DVec3, ray: &Ray, grazed: Grazed| {
-            let light = scene.arrival(id, e, 0.0, 0.0).map_or(0.0, |a| a.emission.unit.max());
+            let light = scene.lights[id as usize].straight(e).map_or(0.0, |a| a.emission.unit.max());
             if light > 0.0 && super::sheet_samples::is_lit(scene, ray, ray.near, grazed) { light } else { 0.0 }
         };
         o.weigh(seen);
@@ -179,7 +188,7 @@ impl Outlines {
         let rims: Vec<Rim> = motion.rims.iter().filter(|r| r.shapes().any(&keep)).cloned().collect();
         for (k, r) in rims.iter().enumerate() {
             let faces = Faces { lit: Vec::new(), own: r.shapes().map(|id| (id, 0)).collect() };
-            list.push(Outline { curve: Curve::Rim(k as u32), grazed: r.grazed.clone(), faces });
+            list.push(Outline { curve: Curve::Rim(k as u32), grazed: r.grazed.clone(), faces, part: WHOLE });
         }
         let edges = motion.edges(scene);
         let chosen = match creases {
@@ -204,6 +213,44 @@ impl Outlines {
             order: Vec::new(),
             held: 0,
         }
+    }
+
+    /// What of the outlines a beam meets: straight ones are cut to size.
+    fn keep_within(&mut self, position: DVec3, direction: DVec3, radius: f64) {
+        let across = |p: DVec3| {
+            let m = p - position;
+            m - direction * m.dot(direction)
+        };
+        let rims = &self.rims;
+        let keeps = |o: &mut Outline| match &mut o.curve {
+            Curve::Edge { a, b, .. } => {
+                let (m, v) = (across(*a), across(*b - *a + position));
+                let q = [v.length_squared(), 2.0 * m.dot(v), m.length_squared() - radius * radius];
+                let mut roots: Vec<f64> = quadratic(q).collect();
+                roots.sort_by(f64::total_cmp);
+                let [t0, t1] = roots[..] else { return false };
+                let (t0, t1) = (t0.max(0.0), t1.min(1.0));
+                (*a, *b) = (a.lerp(*b, t0), a.lerp(*b, t1));
+                t0 < t1
+            }
+            Curve::Sphere { c, r } => {
+                // The angle from the way to the axis at which the circle leaves the beam.
+                let m = across(*c);
+                let far = m.length();
+                let cos = (far * far + *r * *r - radius * radius) / (2.0 * far * *r);
+                let (x, y) = warp::frame(direction);
+                if cos > -1.0 && cos < 1.0 {
+                    let (half, middle) = (cos.acos() / TAU, (-m.dot(y)).atan2(-m.dot(x)) / TAU);
+                    o.part = [middle - half, 2.0 * half];
+                }
+                cos < 1.0
+            }
+            Curve::Rim(k) => {
+                let rim = &rims[*k as usize];
+                across(rim.c).length() < rim.x.length().hypot(rim.y.length()) + radius
+            }
+        };
+        self.list.retain_mut(keeps);
     }
 
     /// The angle (or length) of each as its source sees it, times how much of it is seen (0 to 1).
@@ -288,6 +335,7 @@ impl Outlines {
                     distant: false,
                     crossed: true,
                     profile: false,
+                    in_media: true,
                 })
             }
             (Curve::Edge { a, b, n }, Source::Distant(d)) => {
@@ -303,6 +351,7 @@ impl Outlines {
                     distant: true,
                     crossed: true,
                     profile: false,
+                    in_media: true,
                 })
             }
             (Curve::Sphere { c, r }, Source::Point(p)) => {
@@ -325,11 +374,13 @@ impl Outlines {
                     distant: false,
                     crossed: true,
                     profile: false,
+                    in_media: true,
                 })
             }
             (Curve::Sphere { c, r }, Source::Distant(d)) => {
                 let (x, y) = warp::frame(d);
-                let (s, q) = (TAU * u).sin_cos();
+                let [from, turns] = self.list[i].part;
+                let (s, q) = (TAU * (from + u * turns)).sin_cos();
                 let n = x * q + y * s;
                 Some(Ray {
                     light,
@@ -337,10 +388,11 @@ impl Outlines {
                     w: d,
                     near: 0.0,
                     n,
-                    across: 1.0 / (TAU * r),
+                    across: 1.0 / (TAU * r * turns),
                     distant: true,
                     crossed: true,
                     profile: false,
+                    in_media: true,
                 })
             }
             (Curve::Rim(k), source) => {
@@ -365,6 +417,7 @@ impl Outlines {
                     distant,
                     crossed: false,
                     profile: false,
+                    in_media: true,
                 })
             }
         }
@@ -382,7 +435,7 @@ impl Source {
     fn sphere(&self, c: DVec3, r: f64, shape: u32, faces: Faces, list: &mut Vec<Outline>) {
         // From inside there is no silhouette.
         if !matches!(self, Source::Point(p) if (c - *p).length() <= r) {
-            list.push(Outline { curve: Curve::Sphere { c, r }, grazed: vec![(shape, Vec::new())], faces });
+            list.push(Outline { curve: Curve::Sphere { c, r }, grazed: vec![(shape, Vec::new())], faces, part: WHOLE });
         }
     }
 
@@ -398,6 +451,7 @@ impl Source {
                 curve: Curve::Edge { a, b, n },
                 grazed: vec![(shape, Vec::new())],
                 faces: faces.clone(),
+                part: WHOLE,
             });
         }
     }
@@ -434,11 +488,16 @@ impl Source {
             } else {
                 Faces::default()
             };
-            list.push(Outline { curve: Curve::Edge { a, b, n: n * -side }, grazed: e.faces.clone(), faces });
+            list.push(Outline {
+                curve: Curve::Edge { a, b, n: n * -side },
+                grazed: e.faces.clone(),
+                faces,
+                part: WHOLE,
+            });
         } else if self.is_crease(scene, e, creases) {
             let on = |lit: bool| e.sides().filter(|s| (n.dot(s.2 - a) > 0.0) == lit).map(|s| (s.0, s.1)).collect();
             let faces = Faces { lit: on(true), own: on(false) };
-            list.push(Outline { curve: Curve::Edge { a, b, n }, grazed: e.faces.clone(), faces });
+            list.push(Outline { curve: Curve::Edge { a, b, n }, grazed: e.faces.clone(), faces, part: WHOLE });
         }
     }
 

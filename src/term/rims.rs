@@ -5,12 +5,11 @@ use super::contact;
 use crate::math::{DVec3, warp};
 use crate::params::ParamSet;
 use crate::scene::Scene;
+use crate::scene::lids::WELD;
 use crate::shape::Shape;
 use crate::shape::edges::{Edge, Side};
 use std::f64::consts::{PI, TAU};
 
-/// Circles of different shapes within this share of the scene's radius, and of a right angle, are one.
-const WELD: f64 = 1e-9;
 /// A direction in which few middles of rims are level.
 const ACROSS: DVec3 = DVec3::new(1.0, 0.7391, 0.5371);
 /// Places where two are asked whether they stay together: what moves a circle in its plane or out of it, linearly, differs at some of them.

@@ -32,6 +32,8 @@ pub struct Ray {
     pub crossed: bool,
     /// The sheet is the edge of the light's own profile: its lit side has the full intensity.
     pub profile: bool,
+    /// Points of it in media are this technique's, not receivers alone.
+    pub in_media: bool,
 }
 
 impl Ray {

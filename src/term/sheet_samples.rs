@@ -4,6 +4,7 @@ use super::ends::{self, ByOrder, Point, Watch};
 use super::light_walk::{LightWalk, Vertex, seen};
 use super::sheet::{Grazed, Partials, Ray, Reach};
 use super::{Context, Sample};
+use crate::light::LightKind;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
@@ -17,9 +18,8 @@ use crate::transport::walk::Walker;
 fn irradiance(cx: &mut Context, ray: &Ray, y: DVec3, medium: Option<u32>, on: &On) -> Option<Rgb> {
     let light = &cx.scene.lights[ray.light as usize];
     let a = match ray.profile {
-        // On the very edge rounding decides what the profile is.
-        true => light.along(ray.origin - y),
-        false => light.sample(y, 0.0, 0.0)?,
+        true => light.within_edge(ray.origin - y),
+        false => light.straight(y)?,
     };
     let mut rec = NoRecord;
     let mut w = Walker::new(cx.scene, cx.set, &mut rec);
@@ -28,13 +28,23 @@ fn irradiance(cx: &mut Context, ray: &Ray, y: DVec3, medium: Option<u32>, on: &O
     Some(clear?.transmittance * a.emission.color() * a.factor)
 }
 
+/// Whether something stands between where parallel rays begin and a ray's origin on the outline, or that lies before where they begin.
+fn is_shaded(scene: &Scene, ray: &Ray, grazed: Grazed) -> bool {
+    let LightKind::Beam { position, direction, .. } = scene.lights[ray.light as usize].kind else {
+        return scene.blocked_past(ray.origin, -ray.w, f64::INFINITY, grazed);
+    };
+    let length = (ray.origin - position).dot(direction);
+    let contact = ends::contact(scene);
+    length < -contact
+        || length > contact && scene.blocked_past(ray.origin, -ray.w, scene.short_of(ray.origin, length), grazed)
+}
+
 /// Nearest surface on a ray of a sheet; `None` if something stands before the sheet begins.
 fn receiver(scene: &Scene, ray: &Ray, grazed: Grazed) -> Option<Option<Hit>> {
     let hit = scene.opaque_past(ray.origin, ray.w, f64::INFINITY, grazed);
     if ray.distant {
         // Behind the outline the way to the light has to be clear too.
-        let blocked = scene.blocked_past(ray.origin, -ray.w, f64::INFINITY, grazed);
-        return (!blocked).then_some(hit);
+        return (!is_shaded(scene, ray, grazed)).then_some(hit);
     }
     match hit {
         // What the outline stands on is no receiver: the outline's own motion is seen there.
@@ -50,7 +60,7 @@ pub fn is_lit(scene: &Scene, ray: &Ray, rho: f64, grazed: Grazed) -> bool {
     }
     // The ray starts on the outline, which may stand on something.
     let beyond = rho > 0.0 && scene.opaque_past(ray.origin, ray.w, rho, grazed).is_some();
-    !(beyond || scene.blocked_past(ray.origin, -ray.w, f64::INFINITY, grazed))
+    !(beyond || is_shaded(scene, ray, grazed))
 }
 
 /// The medium spans of a camera ray in order, up to the first opaque surface.
@@ -134,10 +144,9 @@ pub fn outward(
     let scene = cx.scene;
     let Some(end) = receiver(scene, ray, grazed) else { return };
     let limit = end.as_ref().map_or(f64::INFINITY, |h| h.t);
-    let within = cx.set.max_depth > 1 && cx.set.min_order <= 1;
     let mut starts: [Option<(Vertex, Rgb, f64)>; 2] = [None, None];
 
-    let point = reach.sample(ray, lead[0]).filter(|p| p.0 < limit);
+    let point = reach.sample(ray, lead[0]).filter(|p| ray.in_media && p.0 < limit);
     if let Some((rho, density)) = point {
         let y = ray.at(rho);
         let toward = if ray.distant { -ray.w } else { ray.origin - y };
@@ -148,15 +157,8 @@ pub fn outward(
             let z = Vertex { p: y, w: ray.w, medium, hit: None };
             let flux = e * scene.media[id as usize].coefficients(y).1;
             let density = ray.across * density / ray.spread(rho);
-            if let Some(q) = cx.sensor.project(y).filter(|q| within && cx.on_film(q.film)) {
-                if let Some(f) = seen(cx, &z, &q) {
-                    let film_per_sheet = if ray.crossed { q.pixels_per_area * ray.n.dot(q.w).abs() } else { 0.0 };
-                    let point = Point::Medium(y);
-                    let partials = motion(cx, rho, &point, &Watch::itself(cx, &q, &point));
-                    let partials = partials.as_slice();
-                    emit(&Sample { film: q.film, flux: flux * f, partials, film_per_sheet, outward: density });
-                }
-            }
+            let own = |cx: &Context, point: &Point, watch: &Watch| motion(cx, rho, point, watch);
+            straight(cx, &z, flux, (ray.crossed.then_some(ray.n), density), &own, emit);
             starts[0] = Some((z, flux / density, rho));
         }
     }
@@ -166,14 +168,8 @@ pub fn outward(
         if let Some(e) = irradiance(cx, ray, h.p, medium, &on) {
             let z = Vertex { p: h.p, w: ray.w, medium, hit: Some(h) };
             let weight = e * (ray.spread(h.t) / ray.across);
-            if let Some(q) = cx.sensor.project(h.p).filter(|q| within && cx.on_film(q.film)) {
-                if let Some(f) = seen(cx, &z, &q) {
-                    let point = Point::Surface(h);
-                    let partials = motion(cx, h.t, &point, &Watch::itself(cx, &q, &point));
-                    let partials = partials.as_slice();
-                    emit(&Sample { film: q.film, flux: weight * f, partials, film_per_sheet: 0.0, outward: 1.0 });
-                }
-            }
+            let own = |cx: &Context, point: &Point, watch: &Watch| motion(cx, h.t, point, watch);
+            straight(cx, &z, weight, (None, 1.0), &own, emit);
             starts[1] = Some((z, weight, h.t));
         }
     }
@@ -187,11 +183,47 @@ pub fn outward(
     }
     let k = usize::from(rng.uniform() * total >= size[0]);
     if let Some((z, weight, rho)) = starts[k] {
-        let point = z.hit.map_or(Point::Medium(z.p), Point::Surface);
-        let later = |cx: &Context, watch: &Watch| motion(cx, rho, &point, watch);
-        // Nothing scattered it yet.
-        let source = ByOrder(vec![Rgb::ONE]);
-        let walk = LightWalk { reach, motion: &later, source: &source };
-        walk.run(cx, z, weight * (total / size[k]), &lead[1..], rng, emit);
+        let own = |cx: &Context, point: &Point, watch: &Watch| motion(cx, rho, point, watch);
+        further(cx, reach, z, weight * (total / size[k]), &own, &lead[1..], rng, emit);
     }
+}
+
+/// How a point that the camera, or a path of it, comes to moves.
+pub type OwnMotion<'a> = &'a dyn Fn(&Context, &Point, &Watch) -> Partials;
+
+/// What a point of a sheet, drawn with this density, scatters straight to the camera. The sheet's normal where camera rays find its crossings, too.
+pub fn straight(
+    cx: &mut Context,
+    z: &Vertex,
+    flux: Rgb,
+    (crossed, density): (Option<DVec3>, f64),
+    motion: OwnMotion,
+    emit: &mut dyn FnMut(&Sample),
+) {
+    let within = cx.set.max_depth > 1 && cx.set.min_order <= 1;
+    let Some(q) = cx.sensor.project(z.p).filter(|q| within && cx.on_film(q.film)) else { return };
+    let Some(f) = seen(cx, z, &q) else { return };
+    let point = z.hit.map_or(Point::Medium(z.p), Point::Surface);
+    let partials = motion(cx, &point, &Watch::itself(cx, &q, &point));
+    let film_per_sheet = crossed.map_or(0.0, |n| q.pixels_per_area * n.dot(q.w).abs());
+    let partials = partials.as_slice();
+    emit(&Sample { film: q.film, flux: flux * f, partials, film_per_sheet, outward: density });
+}
+
+/// What it scatters by way of more vertices; `lead`: the numbers of [`LightWalk::run`].
+pub fn further(
+    cx: &mut Context,
+    reach: &Reach,
+    z: Vertex,
+    weight: Rgb,
+    motion: OwnMotion,
+    lead: &[f64],
+    rng: &mut Rng,
+    emit: &mut dyn FnMut(&Sample),
+) {
+    let point = z.hit.map_or(Point::Medium(z.p), Point::Surface);
+    let later = |cx: &Context, watch: &Watch| motion(cx, &point, watch);
+    // Nothing scattered it yet.
+    let source = ByOrder(vec![Rgb::ONE]);
+    LightWalk { reach, motion: &later, source: &source }.run(cx, z, weight, lead, rng, emit);
 }

@@ -2,11 +2,11 @@
 //!
 //! The light's direction follows from the beam's and from the planes on the way, whatever the vertex does: ω̇ is carried from the beam to the vertex with (39), (41), and each plane's share
 //! of the irradiance scores (42). Backward, the line that leaves the vertex x against the light starts with ẋ and turns with -ω̇; it slides over the planes (13), its media
-//! score their optical depth, and where it comes from the beam its distance ρ from the axis changes by `<m, ẏ - ȯ - <y-o,d> ḋ>/ρ`, m across the axis.
+//! score their optical depth (one that the beam begins in, up to its plane: the line is longer by `<d, ȯ - ṗ> + <o-p, ḋ>`), and where it comes from the beam its distance ρ from the axis changes by `<m, ẏ - ȯ - <y-o,d> ḋ>/ρ`, m across the axis.
 
 use super::first::FilmLine;
 use super::motion::{Chained, Moving};
-use super::piece::Piece;
+use super::piece::{Piece, Stop};
 use super::ray::{MovingRay, Specular};
 use super::velocity::{Source, Velocity};
 use crate::light::{LightKind, beam_profile};
@@ -157,8 +157,19 @@ impl Connection<'_> {
             let (pieces, rest) = left.split_at(own);
             left = rest;
             for piece in pieces {
-                for (velocity, form) in line.ends(piece).iter().zip(piece.depth_forms(scene)) {
+                // Where the beam begins inside a medium the line ends on its plane, and goes on or back with that.
+                let begins = length == f64::INFINITY && piece.to == Stop::Free;
+                let piece = if begins { Piece { to: Stop::Border(direction), ..*piece } } else { *piece };
+                for (velocity, form) in line.ends(&piece).iter().zip(piece.depth_forms(scene)) {
                     apply(velocity, &form.weighed(-self.value), cx.sink);
+                }
+                if begins {
+                    let [_, form] = piece.depth_forms(scene);
+                    let longer = form.weighed(-self.value).dot(w);
+                    let plane = light.place;
+                    for (slot, v) in [(plane.position, -direction), (plane.direction, piece.end() - position)] {
+                        (0..3).for_each(|k| cx.sink.add(slot + k as Slot, longer * v[k]));
+                    }
                 }
             }
         });

@@ -43,6 +43,7 @@ mod refraction;
 mod rooms;
 mod rough;
 mod scenes;
+mod straight_beams;
 mod stress;
 mod techniques;
 mod temperature;

@@ -27,6 +27,7 @@ const NO: Facts = Facts {
     hard_profile: false,
     beam: false,
     cut_beam: false,
+    straight_beam: false,
     area_light: false,
     border_jump: false,
     dielectric: false,

@@ -1,0 +1,73 @@
+//! The border of the spot that a hard-edged collimated beam makes on what it meets: of term H of [T] section 3, the part on surfaces. In media it is [`super::hard_beam`]'s.
+//!
+//! A beam's edge is a sheet of parallel rays: x = p + ρ d + R m, m across the axis d, with n = -m toward the axis and `v_n = <n, ṗ + ρ ḋ> - Ṙ`, less the receiver's own motion.
+
+use super::ends::{self, Point, Watch};
+use super::sheet::{Partials, Ray};
+use super::{Context, Motion};
+use crate::light::{Light, LightKind, Place};
+use crate::math::{DVec3, warp};
+use crate::params::Partial;
+use crate::scene::Scene;
+use std::f64::consts::TAU;
+
+/// The edge of a beam.
+pub struct BeamSpot {
+    light: u32,
+    position: DVec3,
+    direction: DVec3,
+    radius: f64,
+    place: Place,
+}
+
+impl BeamSpot {
+    /// Of all hard-edged beams, where something receives them and nothing mirrors or refracts ([`super::interfaces`]).
+    pub fn all(scene: &Scene, motion: &Motion) -> Vec<BeamSpot> {
+        let is_smooth = |k: u32| scene.surface_of(k).is_smooth();
+        let shapes = || 0..scene.shapes.len() as u32;
+        let receives = |k: u32| !scene.is_null(&scene.shapes[k as usize]);
+        if !motion.surfaces() || shapes().any(is_smooth) || !shapes().any(receives) {
+            return Vec::new();
+        }
+        let spot = |(light, l): (u32, &Light)| match l.kind {
+            LightKind::Beam { position, direction, radius, gaussian: false } => {
+                Some(BeamSpot { light, position, direction, radius, place: l.place })
+            }
+            _ => None,
+        };
+        (0..).zip(&scene.lights).filter_map(spot).collect()
+    }
+
+    pub fn light(&self) -> u32 {
+        self.light
+    }
+
+    /// The ray of the edge at the fraction u of a turn.
+    pub fn ray(&self, u: f64) -> Ray {
+        let (x, y) = warp::frame(self.direction);
+        let (s, c) = (TAU * u).sin_cos();
+        let m = x * c + y * s;
+        Ray {
+            light: self.light,
+            origin: self.position + m * self.radius,
+            w: self.direction,
+            near: 0.0,
+            n: -m,
+            across: 1.0 / (TAU * self.radius),
+            distant: true,
+            crossed: false,
+            profile: true,
+            in_media: false,
+        }
+    }
+
+    /// `-v_n`, less what the receiver itself does.
+    pub fn motion(&self, cx: &Context, ray: &Ray, rho: f64, point: &Point, watch: &Watch) -> Partials {
+        let mut p = Partials::default();
+        p.push(Partial { slot: self.place.position, v: -ray.n, len: 3 });
+        p.push(Partial { slot: self.place.direction, v: ray.n * -rho, len: 3 });
+        p.push(Partial { slot: self.place.radius, v: DVec3::X, len: 1 });
+        ends::motion(cx, point, watch, ray.n, &mut p);
+        p
+    }
+}
