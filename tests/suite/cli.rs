@@ -498,6 +498,14 @@ fn plan_names_what_is_used() {
     let ball = r#"<shape type="sphere" id="ball"><bsdf type="roughdielectric"><string name="distribution" value="ggx"/><float name="alpha" value="0.3"/></bsdf></shape></scene>"#;
     fs::write(b.path("ball.xml"), SCENE.replace("</scene>", ball)).unwrap();
     assert!(b.expect(0, "plan ball.xml --wrt light_x").stderr.contains("biased"));
+    assert!(b.expect(0, "plan fog.xml --wrt wall_z --json").json()["refused"].is_null());
+    // What it refuses by where things are.
+    let boxes = r#"<default name="x" value="0"/><shape type="cube" id="a"><transform name="to_world"><translate x="$x"/></transform><bsdf type="conductor"/></shape><shape type="cube" id="b"><transform name="to_world"><translate x="1.5"/></transform><bsdf type="conductor"/></shape></scene>"#;
+    fs::write(b.path("boxes.xml"), SCENE.replace("</scene>", boxes)).unwrap();
+    let told = b.expect(0, "plan boxes.xml --wrt x --json").json()["refused"].to_string();
+    assert!(told.contains("boxes.xml:") && told.contains("`b`"), "{told}");
+    assert!(b.expect(0, "plan boxes.xml --wrt x").stdout.contains("`grad` refuses this: "));
+    b.expect(2, "plan boxes.xml --wrt x -s nowhere");
 }
 
 #[test]

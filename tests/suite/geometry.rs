@@ -144,6 +144,9 @@ fn boundaries_that_let_no_light_in_or_leak_are_warned_of() {
     };
     assert!(kind(r#"<bsdf type="null"/>"#).is_empty());
     assert_eq!(kind(""), [WarningKind::MediumBehindOpaqueBoundary]);
+    // An opaque ball in fog that names it.
+    let ball = r#"<bsdf type="null"/><ref name="interior" id="fog"/></shape><shape type="sphere"><float name="radius" value="0.5"/><ref name="exterior" id="fog"/></shape><shape type="sphere"><point name="center" value="3, 0, 0"/><bsdf type="null"/>"#;
+    assert!(kind(ball).is_empty(), "{:?}", kind(ball));
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("open.obj");
     std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\n").unwrap();
@@ -154,6 +157,39 @@ fn boundaries_that_let_no_light_in_or_leak_are_warned_of() {
         path.display()
     ));
     assert!(s.warnings.iter().any(|w| w.kind == WarningKind::LeakyBoundary), "{:?}", s.warnings);
+}
+
+/// A tube of glass and fog, and the disk that closes it: exactly, too large, turned round, without the fog, by another index.
+#[test]
+fn lids_that_do_not_close_a_tube_are_warned_of() {
+    let told = |radius: f64, turn: f64, index: f64, media: &str| {
+        let glass = |n: f64| format!(r#"<bsdf type="dielectric"><float name="int_ior" value="{n}"/></bsdf>"#);
+        let fog = r#"<ref name="interior" id="fog"/>"#;
+        let (_, s) = scene(&format!(
+            r#"<scene version="3.0.0"><integrator type="volpath"/><medium type="homogeneous" id="fog"/><sensor type="perspective">
+            <transform name="to_world"><translate z="-5"/></transform></sensor>
+            <shape type="cylinder" id="tube"><point name="p0" value="0, 0, 0"/><point name="p1" value="0, 1, 0"/><float name="radius" value="0.4"/>{}{fog}</shape>
+            <shape type="disk" id="bottom"><transform name="to_world"><scale value="0.4"/><rotate x="1" angle="90"/></transform>{}{fog}</shape>
+            <shape type="disk" id="top"><transform name="to_world"><scale value="{radius}"/><rotate x="1" angle="{turn}"/><translate y="1"/></transform>{}{media}</shape>
+            <emitter type="constant"/></scene>"#,
+            glass(1.5),
+            glass(1.5),
+            glass(index)
+        ));
+        s.warnings.iter().map(|w| w.to_string()).collect::<Vec<_>>().join("; ")
+    };
+    let fog = r#"<ref name="interior" id="fog"/>"#;
+    assert_eq!(told(0.4, -90.0, 1.5, fog), "");
+    // Meant for something else.
+    assert_eq!(told(0.5, -90.0, 1.5, fog), "");
+    for (what, found) in [
+        ("beside its rim", told(0.402, -90.0, 1.5, fog)),
+        ("the index of refraction is 1.5 by the cylinder and 1.000277 by the disk", told(0.4, 90.0, 1.5, fog)),
+        ("the index of refraction is 1.5 by the cylinder and 1.4 by the disk", told(0.4, -90.0, 1.4, fog)),
+        ("inside of it is medium `fog` by the cylinder and no medium by the disk", told(0.4, -90.0, 1.5, "")),
+    ] {
+        assert!(found.contains("the disk `top` closes the cylinder `tube`") && found.contains(what), "{what}: {found}");
+    }
 }
 
 #[test]

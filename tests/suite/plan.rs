@@ -189,6 +189,28 @@ fn scenes_give_their_rows() {
             "",
         ),
         (format!(r#"{CAMERA}<emitter type="point"><rgb name="intensity" value="$x"/></emitter>"#), "P", ""),
+        // A beam that moves casts its shadows where they were, one that turns does not.
+        (
+            format!(
+                r#"{CAMERA}{FOG}{WALL}<emitter type="collimated"><transform name="to_world"><translate x="$x"/></transform></emitter>"#
+            ),
+            "M H",
+            "",
+        ),
+        (
+            format!(
+                r#"{CAMERA}{FOG}{WALL}<emitter type="collimated"><transform name="to_world"><rotate x="1" angle="$x"/></transform></emitter>"#
+            ),
+            "M G R H",
+            "",
+        ),
+        (
+            format!(
+                r#"{CAMERA}{WALL}<shape type="cube"><bsdf type="dielectric"/></shape><emitter type="collimated"><float name="radius" value="$x"/></emitter>"#
+            ),
+            "M H C",
+            "C",
+        ),
     ];
     for (body, use_, missing) in cases {
         let p = plan(&body, "x");

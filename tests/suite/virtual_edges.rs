@@ -332,6 +332,22 @@ fn rods_of_glass() {
     against_differences(&fog, &[("ior", 0.02), ("x", 0.03), ("r", 0.02)], &["all"], 1 << 12, 0.02);
 }
 
+/// In a block whose box meets those of the lids, which stand aslant.
+#[test]
+fn a_rod_in_a_block() {
+    let inner = GLASS.replace(r#"name="ext_ior" value="1""#, r#"name="ext_ior" value="1.2""#);
+    let block = r#"<shape type="cube"><transform name="to_world"><scale value="1"/><rotate y="1" angle="20"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.2"/><float name="ext_ior" value="1"/></bsdf></shape></scene>"#;
+    let text = rod(&[("wall", &inner, ""), ("top", &inner, ""), ("bottom", &inner, "")]).replace("</scene>", block);
+    let text = text.replace(r#"name="ior" value="1.3""#, r#"name="ior" value="1.5""#);
+    against_differences(&text, &[("ior", 0.02), ("x", 0.03), ("r", 0.02)], &["all"], 1 << 12, 0.02);
+    // A lid alone is no body.
+    let open = rod(&[("top", &inner, "")]).replace("</scene>", block);
+    let (desc, sc) = scene(&open);
+    let p = sc.param_set(&desc, &["r".to_string()]).unwrap();
+    let told = job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(told.contains("may touch") && told.contains("cylinders that two disks close"), "{told}");
+}
+
 #[test]
 fn tubes_and_cans_of_metal() {
     for shapes in [vec![("wall", METAL, "")], vec![("top", METAL, ""), ("wall", METAL, ""), ("bottom", METAL, "")]] {
