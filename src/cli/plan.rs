@@ -54,7 +54,10 @@ impl PlanArgs {
             log.warnings(&desc.warnings);
             return Ok(Some(e));
         }
-        let mut scene = Scene::compile(desc, &self.scene.load(true))?;
+        let mut scene = match Scene::compile(desc, &self.scene.load(true)) {
+            Ok(scene) => scene,
+            Err(e) => return Ok(Some(e)),
+        };
         log.warnings(&scene.warnings);
         let found = scene.open(desc, wrt).and_then(|()| {
             let params = scene.param_set(desc, wrt)?;

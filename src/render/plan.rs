@@ -240,7 +240,7 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
 
     // Straight beams cast shadows like a light without extent.
     let casts = f.zero_measure_light || f.straight_beam;
-    let both = casts && m.opaque;
+    let both = casts && (m.opaque || m.area_light);
     add(m.opaque, &[M, E1], "something opaque moves");
     add(m.opaque && f.medium, &[E2], "something opaque moves in a medium");
     add(m.opaque && (!f.medium || f.reflecting), &[E3], "something opaque moves, surfaces scatter");

@@ -43,7 +43,9 @@ const STEPS: usize = 12;
 const WAYS: usize = 1024;
 const GAIN: f64 = 1e-8;
 /// A Gaussian beam ends at so many radii: e^-72.
-pub const GAUSSIAN: f64 = 6.0;
+pub(super) const GAUSSIAN: f64 = 6.0;
+/// Beyond so many radii the edges of shadows in one, and of its start, are left out: e^-18, below a single-precision picture's last digit.
+pub const FAINT: f64 = 3.0;
 /// Deviations (half a radius each) to either side within which points are drawn in it.
 const TAILS: f64 = 3.0;
 /// Ways that bring a smaller share of the beam's irradiance are asked for more rarely.

@@ -145,6 +145,11 @@ impl Scene {
         flat && matches!(self.surface_of(id), Surface::Dielectric { .. })
     }
 
+    /// Whether anything mirrors or refracts and keeps rays together.
+    pub fn has_smooth(&self) -> bool {
+        self.shapes.iter().any(|s| self.surfaces[s.surface as usize].is_smooth())
+    }
+
     /// Whether the shape does nothing but part media.
     pub fn is_border(&self, s: &Instance) -> bool {
         s.boundary && self.is_null(s)

@@ -23,10 +23,7 @@ pub struct BeamSpot {
 impl BeamSpot {
     /// Of all hard-edged beams, where something receives them and nothing mirrors or refracts ([`super::interfaces`]).
     pub fn all(scene: &Scene, motion: &Motion) -> Vec<BeamSpot> {
-        let is_smooth = |k: u32| scene.surface_of(k).is_smooth();
-        let shapes = || 0..scene.shapes.len() as u32;
-        let receives = |k: u32| !scene.is_null(&scene.shapes[k as usize]);
-        if !motion.surfaces() || shapes().any(is_smooth) || !shapes().any(receives) {
+        if !motion.surfaces() || scene.has_smooth() || scene.shapes.iter().all(|s| scene.is_null(s)) {
             return Vec::new();
         }
         let spot = |(light, l): (u32, &Light)| match l.kind {

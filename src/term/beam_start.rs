@@ -3,8 +3,9 @@
 //! With `g = <q - p, d>` there is light where g > 0, and at a point q that moves with q̇ `ġ = <d, q̇ - ṗ> + <q - p, ḋ>`. The disk adds ġ times the irradiance there times what its points scatter.
 
 use super::ends::{self, Point, Watch};
+use super::interfaces::triangles;
 use super::light_walk::Vertex;
-use super::sheet::{Partials, Reach};
+use super::sheet::{Partials, Reach, media_box};
 use super::sheet_samples;
 use super::{Context, Motion, Sample};
 use crate::error::{Error, Result};
@@ -14,13 +15,13 @@ use crate::math::{DVec3, Rgb, warp};
 use crate::params::Partial;
 use crate::phase::one_minus_cos;
 use crate::scene::Scene;
+use crate::scene::beams::FAINT;
+use crate::shape::Shape;
 use crate::transport::transmit;
 use std::f64::consts::{PI, TAU};
 
-/// A Gaussian beam's disk ends at so many radii: e^-18.
-const GAUSSIAN: f64 = 3.0;
-/// Lines in the disk along which something opaque is looked for.
-const LINES: u32 = 64;
+/// Before the disk, in scene radii: where the medium has to be the same. One that ends there has its own jump, of which the light's is a part (term N).
+const BEFORE: f64 = 1e-6;
 
 /// The disk at which a beam begins.
 pub struct BeamStart {
@@ -33,7 +34,7 @@ pub struct BeamStart {
 }
 
 impl BeamStart {
-    fn new(light: u32, l: &Light) -> Option<BeamStart> {
+    pub fn new(light: u32, l: &Light) -> Option<BeamStart> {
         let LightKind::Beam { position: p, direction: d, radius, gaussian } = l.kind else { return None };
         Some(BeamStart { light, p, d, radius, gaussian, place: l.place })
     }
@@ -42,32 +43,68 @@ impl BeamStart {
         self.light
     }
 
-    /// Of all beams that begin inside a medium, where nothing mirrors or refracts ([`super::interfaces`]).
+    /// Of all beams that may begin inside a medium, where nothing mirrors or refracts ([`super::interfaces`]).
     pub fn all(scene: &Scene, motion: &Motion) -> Vec<BeamStart> {
-        let smooth = scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
-        if smooth || !motion.surfaces() {
+        if scene.media.is_empty() || scene.has_smooth() || !motion.surfaces() {
             return Vec::new();
         }
-        let around = scene.around(scene.sensors.first());
-        let inside = |b: &BeamStart| scene.medium_past(b.p, b.d, &[], &around).is_some();
+        let media = media_box(scene);
+        let inside = |b: &BeamStart| media.is_none_or(|m| m.distance(b.p) <= b.reach());
         (0..).zip(&scene.lights).filter_map(|(id, l)| BeamStart::new(id, l)).filter(inside).collect()
     }
 
-    /// An error where something that scatters crosses the disk: light on it would begin there, too.
+    /// The disk's radius.
+    fn reach(&self) -> f64 {
+        self.radius * if self.gaussian { FAINT } else { 1.0 }
+    }
+
+    /// An error where something opaque crosses the disk: light on it would begin there, or its shadow.
     pub fn check(&self, scene: &Scene) -> Result<()> {
-        let reach = self.radius * if self.gaussian { GAUSSIAN } else { 1.0 };
-        let (x, y) = warp::frame(self.d);
-        let met = |k: u32| {
-            let (s, c) = (TAU * f64::from(k) / f64::from(LINES)).sin_cos();
-            scene.opaque_past(self.p, x * c + y * s, reach, &[])
+        let slack = ends::contact(scene);
+        let Some(shape) = scene.shapes.iter().find(|s| !scene.is_null(s) && self.is_crossed(&s.shape, slack)) else {
+            return Ok(());
         };
-        let Some(hit) = (0..LINES).filter_map(met).find(|h| scene.reflects(h)) else { return Ok(()) };
-        let (light, shape) = (&scene.lights[self.light as usize].name, &scene.shapes[hit.shape as usize]);
+        let (light, name) = (&scene.lights[self.light as usize].name, &shape.name);
         let what = format!(
-            "the beam `{light}` begins inside a medium, and `{}` stands in the disk where it begins: how its light begins there cannot be told yet",
-            shape.name
+            "`{name}` stands in the disk where the beam `{light}` begins: how light and shadow begin there cannot be told yet"
         );
         Err(Error::scene(&shape.span, what, "let the beam begin a little further on, or make it narrower"))
+    }
+
+    /// Whether a shape comes through the disk. One that lies in its plane, or touches that, does not.
+    fn is_crossed(&self, shape: &Shape, slack: f64) -> bool {
+        let height = |x: DVec3| (x - self.p).dot(self.d);
+        if let Shape::Sphere(s) = shape {
+            let h = height(s.center);
+            let circle = (s.radius - h.abs()) * (s.radius + h.abs());
+            let far = (s.center - self.d * h - self.p).length();
+            return s.radius - h.abs() > slack && (far - circle.max(0.0).sqrt()).abs() <= self.reach();
+        }
+        let crosses = |t: &[DVec3; 3]| {
+            let heights = t.map(height);
+            if !(heights.iter().any(|&h| h > slack) && heights.iter().any(|&h| h < -slack)) {
+                return false;
+            }
+            // The ends of what the plane cuts out of the triangle.
+            let ends: Vec<DVec3> = (0..3)
+                .filter_map(|k| {
+                    let (i, j) = (k, (k + 1) % 3);
+                    let (a, b) = (heights[i], heights[j]);
+                    ((a > 0.0) != (b > 0.0)).then(|| t[i].lerp(t[j], a / (a - b)) - self.p)
+                })
+                .collect();
+            let [a, b] = ends[..] else { return false };
+            let along = b - a;
+            let nearest = if along == DVec3::ZERO { 0.0 } else { -a.dot(along) / along.length_squared() };
+            (a + along * nearest.clamp(0.0, 1.0)).length() <= self.reach()
+        };
+        triangles(shape).iter().any(|(_, t)| crosses(t))
+    }
+
+    /// The medium at a point of the disk, where it is before it, too.
+    fn medium(&self, cx: &Context, q: DVec3) -> Option<u32> {
+        let at = |q: DVec3| cx.scene.medium_past(q, self.d, &[], &cx.around);
+        at(q).filter(|&m| at(q - self.d * (BEFORE * cx.scene.bounds.radius())) == Some(m))
     }
 
     /// Irradiance at a point of its plane.
@@ -111,6 +148,9 @@ impl BeamStart {
             }
             let scene = cx.scene;
             let q = span.o + span.w * t;
+            if (q - self.p).length() > self.reach() || self.medium(cx, q) != Some(span.medium) {
+                return;
+            }
             let m = &scene.media[span.medium as usize];
             let light = self.irradiance(scene, q) * m.coefficients(q).1;
             let Some(seen) = cx.sensor.project(q).filter(|_| !light.is_zero()) else { return };
@@ -139,7 +179,7 @@ impl BeamStart {
     ) {
         let scene = cx.scene;
         let q = self.sample(lead[0], u);
-        let Some(id) = scene.medium_past(q, self.d, &[], &cx.around) else { return };
+        let Some(id) = self.medium(cx, q) else { return };
         let flux = self.irradiance(scene, q) * scene.media[id as usize].coefficients(q).1;
         let density = probability * self.density(q);
         if flux.is_zero() || density == 0.0 {

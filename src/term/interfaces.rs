@@ -158,12 +158,17 @@ fn are_apart(scene: &Scene, a: &Instance, b: &Instance) -> bool {
     single(a) && single(b) && n.cross(m).length() <= PARALLEL && (q - p).dot(n).abs() > ends::contact(scene)
 }
 
-/// Triangles of a shape of flat faces, with the boxes around them; of a disk, those of a polygon that holds it.
-fn triangles(s: &Shape) -> Vec<(Bounds, [DVec3; 3])> {
+/// Triangles of a shape of flat faces, with the boxes around them; of a disk or cylinder, those of a polygon or prism that holds it.
+pub(super) fn triangles(s: &Shape) -> Vec<(Bounds, [DVec3; 3])> {
     let mut all = Vec::new();
     let mut fan = |c: &[DVec3]| all.extend((2..c.len()).map(|k| [c[0], c[k - 1], c[k]]));
     match s {
         Shape::Disk(d) => fan(&around(d)),
+        Shape::Cylinder(c) => {
+            let (x, y) = c.rim_axes();
+            let [a, b] = [0, 1].map(|k| ring(c.rim(k).0, x, y));
+            (0..ROUND).map(|k| [k, (k + 1) % ROUND]).for_each(|[i, j]| fan(&[a[i], a[j], b[j], b[i]]));
+        }
         _ => (0..s.face_count()).for_each(|f| _ = with_corners(s, f, &mut fan)),
     }
     all.into_iter().map(|t| (t.into_iter().collect(), t)).collect()
@@ -171,18 +176,22 @@ fn triangles(s: &Shape) -> Vec<(Bounds, [DVec3; 3])> {
 
 /// Corners of a polygon around a disk.
 fn around(d: &Disk) -> [DVec3; ROUND] {
+    ring(d.placement.point(DVec3::ZERO), d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y))
+}
+
+fn ring(c: DVec3, x: DVec3, y: DVec3) -> [DVec3; ROUND] {
     std::array::from_fn(|k| {
-        let (s, c) = (TAU * k as f64 / ROUND as f64).sin_cos();
-        d.placement.point(DVec3::new(c, s, 0.0) / (PI / ROUND as f64).cos())
+        let (sin, cos) = (TAU * k as f64 / ROUND as f64).sin_cos();
+        c + (x * cos + y * sin) / (PI / ROUND as f64).cos()
     })
 }
 
 /// Smooth faces of two shapes that meet, where rays part. Those of glass without an inside, whose borders count as out of sight, must have boxes around them that are apart.
 pub(super) fn touching(scene: &Scene, motion: &Motion) -> Result<()> {
     // A disk that closes a tube has an inside with it.
-    let ends = |id: u32| motion.rims.iter().any(|r| r.bounds_half_space(scene) && r.shapes().any(|s| s == id));
+    let closes = |id: u32| motion.rims.iter().any(|r| !r.bounds_half_space(scene) && r.shapes().any(|s| s == id));
     let is_pane = |&(id, s): &(u32, &Instance)| match s.shape {
-        Shape::Disk(_) => ends(id),
+        Shape::Disk(_) => !closes(id),
         _ => scene.is_half_space(id),
     };
     let reach = contact::reach(scene);
@@ -310,7 +319,7 @@ fn outlines(scene: &Scene, motion: &Motion) -> Result<()> {
     Ok(())
 }
 
-/// Where beams are and anything moves: nothing may cut them.
+/// Where beams are and anything moves: nothing may cut them beside glass and mirrors, nor where they begin.
 fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
     let beam = scene.lights.iter().find(|l| matches!(l.kind, LightKind::Beam { .. }));
     let Some(beam) = beam.filter(|_| motion.surfaces()) else { return Ok(()) };
@@ -318,7 +327,7 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
         let smooth = scene.surfaces[s.surface as usize].is_smooth();
         smooth && !is_flat(&s.shape) || scene.is_round_mirror(s)
     };
-    let smooth = scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
+    let smooth = scene.has_smooth();
     if let Some(s) = scene.shapes.iter().filter(|_| smooth).find(|s| is_outlined(scene, s) || curved(s)) {
         let what = format!(
             "`{}` may stand in the beam `{}`, beside glass or mirrors: how its shadow there moves cannot be told yet",
@@ -345,5 +354,8 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
             return Err(Error::usage(what, "let it begin outside"));
         }
     }
-    BeamStart::all(scene, motion).iter().try_for_each(|b| b.check(scene))
+    if smooth {
+        return Ok(());
+    }
+    (0..).zip(&scene.lights).filter_map(|(id, l)| BeamStart::new(id, l)).try_for_each(|b| b.check(scene))
 }

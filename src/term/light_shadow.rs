@@ -48,7 +48,7 @@ struct Shadow {
 impl LightShadow {
     /// Silhouettes from every light whose shadows may move over something; `None` if there are none.
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64) -> Option<LightShadow> {
-        let smooth = scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
+        let smooth = scene.has_smooth();
         let casts = (smooth && !panes::are_clear(scene, sensor, margin, motion))
             .then(|| Casts::prepare(scene, sensor, motion, margin));
         let mut lights = Vec::new();

@@ -136,8 +136,7 @@ impl Motion {
             motion.rims = rims(scene, |rim, shape| stay_together(scene, params, rim, shape));
         }
         // Where lights alone move, glass and mirrors may end where others pass through them.
-        let ends = || scene.shapes.iter().any(|s| scene.surfaces[s.surface as usize].is_smooth());
-        if motion.surfaces() || motion.lights.iter().any(|l| l.position || l.direction) && ends() {
+        if motion.surfaces() || motion.lights.iter().any(|l| l.position || l.direction) && scene.has_smooth() {
             motion.cross(scene);
         }
         Ok(motion)

@@ -13,13 +13,13 @@ use crate::light::LightKind;
 use crate::math::discrete::Discrete;
 use crate::math::{DVec3, warp};
 use crate::scene::Scene;
-use crate::scene::beams::GAUSSIAN;
+use crate::scene::beams::FAINT;
 use crate::sensor::{Projection, Sensor};
 use crate::shape::edges::FLAT;
 use crate::shape::{Cylinder, Geometry, Shape};
 use rayon::prelude::*;
 use std::borrow::Cow;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Relative size of a cross product below which an edge points at the light [T] section 9.
 const DEGENERATE: f64 = 1e-14;
@@ -27,6 +27,8 @@ const DEGENERATE: f64 = 1e-14;
 const BLIND: f64 = 0.1;
 /// Cosine between the normals of a sharp crease's faces, at most.
 const SHARP: f64 = 0.7;
+/// Parts of a rim of which those beside a beam are left out.
+const CELLS: usize = 64;
 /// All of a circle.
 const WHOLE: [f64; 2] = [0.0, 1.0];
 /// Sides of the polygon that stands for a rim.
@@ -48,7 +50,7 @@ pub(super) struct Outline {
     /// Shapes whose outline it is, of meshes with their faces there, of rims with those; a smooth shape's line of contact names nothing.
     pub grazed: Vec<(u32, Vec<u32>)>,
     pub faces: Faces,
-    /// Of a sphere's circle seen from afar, where it begins and how far it goes, in turns.
+    /// Of a rim, and of a sphere's circle seen from afar, where it begins and how far it goes, in turns.
     pub part: [f64; 2],
 }
 
@@ -105,7 +107,7 @@ impl Outlines {
         let mut o = Outlines::new(scene, motion, source, |_| true, Creases::None);
         o.light = id;
         if let LightKind::Beam { position, direction, radius, gaussian } = scene.lights[id as usize].kind {
-            let reach = radius * if gaussian { GAUSSIAN } else { 1.0 };
+            let reach = radius * if gaussian { FAINT } else { 1.0 };
             o.keep_within(position, direction, reach);
         }
         let seen = |e: DVec3, ray: &Ray, grazed: Grazed| {
@@ -247,7 +249,16 @@ impl Outlines {
             }
             Curve::Rim(k) => {
                 let rim = &rims[*k as usize];
-                across(rim.c).length() < rim.x.length().hypot(rim.y.length()) + radius
+                let half = PI / CELLS as f64 * rim.x.length().max(rim.y.length());
+                let middle = |k: usize| rim.edge((k as f64 + 0.5) / CELLS as f64).a;
+                let near = |k: usize| across(middle(k)).length() <= radius + half;
+                let near: [bool; CELLS] = std::array::from_fn(near);
+                // All but the longest way round that is beside the beam.
+                let beside = |from: usize| (0..CELLS).take_while(|k| !near[(from + k) % CELLS]).count();
+                let (first, longest) = (0..CELLS).map(|k| (k, beside(k))).max_by_key(|g| g.1).unwrap_or_default();
+                let cells = |k: usize| k as f64 / CELLS as f64;
+                o.part = [cells(first + longest), cells(CELLS - longest)];
+                longest < CELLS
             }
         };
         self.list.retain_mut(keeps);
@@ -396,8 +407,9 @@ impl Outlines {
                 })
             }
             (Curve::Rim(k), source) => {
-                let edge = self.rims[k as usize].edge(u);
-                let (e, tangent) = (edge.a, (edge.b - edge.a) * TAU);
+                let [from, turns] = self.list[i].part;
+                let edge = self.rims[k as usize].edge(from + u * turns);
+                let (e, tangent) = (edge.a, (edge.b - edge.a) * (TAU * turns));
                 let (origin, w, near, distant) = match source {
                     Source::Point(p) => (p, (e - p).normalize(), (e - p).length(), false),
                     Source::Distant(d) => (e, d, 0.0, true),

@@ -126,7 +126,7 @@ impl Reach {
 }
 
 /// The box of everything that scatters; `None` where it has no end.
-fn media_box(scene: &Scene) -> Option<Bounds> {
+pub(super) fn media_box(scene: &Scene) -> Option<Bounds> {
     let mut all = Bounds::EMPTY;
     for (i, m) in scene.media.iter().enumerate() {
         let id = Some(i as u32);

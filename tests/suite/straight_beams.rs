@@ -1,7 +1,8 @@
 //! Collimated beams among what is opaque: their spots and shadows on surfaces and in fog, and where they begin inside a medium.
 
-use crate::common::{against_differences, check, derivatives, difference, forward_of};
+use crate::common::{against_differences, check, derivatives, difference, forward_of, job, params, scene};
 use std::f64::consts::PI;
+use tyndall::render::driver::Mode;
 use tyndall::scene::compile::Orders;
 
 /// A beam onto a plane that an orthographic camera sees whole, from above; `more` stands in it.
@@ -125,23 +126,87 @@ fn among_shapes_against_differences() {
     needs(&gaussian, twice, ("x", 0.05), "light_shadow", 1 << 14);
 }
 
+/// A can and a plate in a narrow beam: rims, of which it meets a little.
+#[test]
+fn rims_in_a_narrow_beam_against_differences() {
+    let can = r#"<shape type="cylinder"><point name="p0" value="-0.45, -1, 0.1"/><point name="p1" value="-0.45, -0.3, 0.1"/><float name="radius" value="0.6"/><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
+      <shape type="disk"><transform name="to_world"><scale value="0.6"/><rotate x="1" angle="-90"/><translate x="-0.45" y="-0.3" z="0.1"/></transform><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
+      <shape type="disk"><transform name="to_world"><scale value="0.5"/><rotate x="1" angle="-70"/><translate x="$x" y="0.5" z="0.1"/></transform><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
+    let text = room(false, "hard", "0.3, 3, 0.2");
+    let (i, j) = (text.find(r#"<shape type="sphere">"#).unwrap(), text.find(r#"<emitter"#).unwrap());
+    let text = format!("{}{can}{}", &text[..i], &text[j..])
+        .replace(r#"name="r" value="0.5""#, r#"name="r" value="0.12""#)
+        .replace(r#"name="x" value="0.1""#, r#"name="x" value="0.7""#);
+    against_differences(&text, &[("bx", 0.02), ("x", 0.02), ("r", 0.02)], &["all"], 1 << 13, 0.02);
+    needs(&text, Orders::default(), ("x", 0.02), "light_shadow", 1 << 13);
+}
+
 #[test]
 fn in_fog_against_differences() {
     let text = room(true, "hard", "0.3, 3, 0.2");
     against_differences(&text, &[("bx", 0.05), ("r", 0.03), ("x", 0.05)], &["all"], 1 << 11, 0.02);
     needs(&text, Orders::default(), ("r", 0.03), "hard_profile", 1 << 10);
     let begins = room(true, "gaussian", "0.3, 1.2, 0.2");
-    against_differences(&begins, &[("bx", 0.05), ("cam", 0.05), ("x", 0.05)], &["all"], 1 << 11, 0.02);
+    against_differences(&begins, &[("bx", 0.05), ("turn", 3.0), ("cam", 0.05), ("x", 0.05)], &["all"], 1 << 11, 0.02);
 }
 
-/// What stands in the disk where a beam begins is told.
+/// A beam begins half in fog, half above it: its start brings K over the part that is in the fog.
+#[test]
+fn half_of_a_beam_begins_in_fog() {
+    let text = r#"<scene version="3.0.0"><default name="x" value="-0.4"/><integrator type="volpath"/>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.8"/><float name="albedo" value="0.5"/></medium>
+  <sensor type="orthographic"><transform name="to_world"><scale x="1.5" y="1.5"/><lookat origin="0, 0, 6" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="3"/><integer name="height" value="3"/><rfilter type="box"/></film></sensor>
+  <shape type="cube"><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <emitter type="collimated"><transform name="to_world"><rotate y="1" angle="90"/><translate x="$x" y="1.00000001"/></transform>
+    <float name="radius" value="0.2"/><string name="profile" value="hard"/><float name="irradiance" value="10"/></emitter></scene>"#;
+    let section = 0.5 * PI * 0.04 * (-0.8f64).exp() * (1.0 + 0.5 * 0.64 * 0.01);
+    let k = 0.4 * 10.0 / (4.0 * PI) * section / 9.0;
+    let once = Orders { first: 1, last: 1 };
+    let d = forward_of(text, once, &["x"], &["hard_profile"], 1 << 14)[1];
+    check("half of the disk", &d, -k, 0.01);
+}
+
+/// What stands in the disk where a beam begins is told, in a vacuum too: half a floor is lit, a ball's shadow is no circle of contact.
+#[test]
+fn what_crosses_a_start_is_refused() {
+    let told = |text: &str, wrt: &str| {
+        let (desc, sc) = scene(text);
+        let p = params(&desc, &sc, &[wrt]);
+        job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    let text = spot("").replace(r#"<default name="s" value="0.2"/>"#, "");
+    assert_eq!(told(&text, "r"), "");
+    let from = |begin: &str| told(&text.replace("3, 4, 0", begin), "r");
+    assert!(from("0.15, 0.2, 0").contains("`plane` stands in the disk where the beam"));
+    assert_eq!(from("0.45, 0.6, 0"), "");
+    // A dark ball across the disk, beside it, and before it.
+    let ball = |at: &str| {
+        spot(&format!(
+            r#"<shape type="sphere" id="ball"><point name="center" value="{at}"/><float name="radius" value="$s"/><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>"#
+        ))
+    };
+    assert!(told(&ball("3.06, 4.08, 0.4"), "s").contains("`ball` stands in the disk"));
+    assert_eq!(told(&ball("3.06, 4.08, 0.8"), "s"), "");
+    assert_eq!(told(&ball("2.7, 3.6, 0.4"), "s"), "");
+    // The border of a rod's end, and one around the whole beam.
+    let rod = |radius: f64| {
+        let text = spot(&format!(
+            r#"<shape type="cylinder" id="rod"><point name="p0" value="2.4, 3.2, 0"/><point name="p1" value="3.6, 4.8, 0"/><float name="radius" value="{radius}"/><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#
+        ));
+        told(&text.replace(r#"<default name="s" value="0.2"/>"#, ""), "r")
+    };
+    assert!(rod(0.3).contains("`rod` stands in the disk"));
+    assert_eq!(rod(0.6), "");
+}
+
+/// The same in fog.
 #[test]
 fn a_floor_in_the_start_is_refused() {
     let text =
         room(true, "hard", "0.3, -0.8, 0.2").replace("0.1, -1, 0\" up=\"0, 0, 1\"", "2, -0.9, 0.2\" up=\"0, 0, 1\"");
-    let (desc, sc) = crate::common::scene(&text);
-    let p = crate::common::params(&desc, &sc, &["x"]);
-    let told = crate::common::job(&sc, 2, 1, tyndall::render::driver::Mode::Forward(&p)).run(&|_| {}).err();
-    let told = told.map(|e| e.to_string()).unwrap_or_default();
-    assert!(told.contains("stands in the disk where it begins"), "{told}");
+    let (desc, sc) = scene(&text);
+    let p = params(&desc, &sc, &["x"]);
+    let told = job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(told.contains("stands in the disk where the beam"), "{told}");
 }

@@ -332,20 +332,35 @@ fn rods_of_glass() {
     against_differences(&fog, &[("ior", 0.02), ("x", 0.03), ("r", 0.02)], &["all"], 1 << 12, 0.02);
 }
 
-/// In a block whose box meets those of the lids, which stand aslant.
+/// In a dark block whose box meets those of the lids, which stand aslant.
+fn rod_in_a_block(shapes: &[&str]) -> String {
+    let inner = GLASS.replace(r#"name="ext_ior" value="1""#, r#"name="ext_ior" value="1.05""#);
+    let shapes: Vec<_> = shapes.iter().map(|s| (*s, &inner[..], r#"<ref name="exterior" id="dark"/>"#)).collect();
+    let block = r#"<shape type="cube"><transform name="to_world"><scale value="1"/><rotate y="1" angle="20"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.05"/><float name="ext_ior" value="1"/></bsdf><ref name="interior" id="dark"/></shape></scene>"#;
+    let dark = r#"<medium type="homogeneous" id="dark"><float name="sigma_t" value="1.5"/><float name="albedo" value="0"/></medium><sensor"#;
+    rod(&shapes).replace("</scene>", block).replace("<sensor", dark)
+}
+
 #[test]
+fn lids_alone_in_a_block_are_refused() {
+    let told = |shapes: &[&str]| {
+        let (desc, sc) = scene(&rod_in_a_block(shapes));
+        let p = sc.param_set(&desc, &["r".to_string()]).unwrap();
+        job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    assert_eq!(told(&["wall", "top", "bottom"]), "");
+    let open = told(&["top"]);
+    assert!(open.contains("may touch") && open.contains("cylinders that two disks close"), "{open}");
+}
+
+/// Edges of the block seen by way of the rod bring heavy tails: many samples.
+#[test]
+#[ignore = "make stress"]
 fn a_rod_in_a_block() {
-    let inner = GLASS.replace(r#"name="ext_ior" value="1""#, r#"name="ext_ior" value="1.2""#);
-    let block = r#"<shape type="cube"><transform name="to_world"><scale value="1"/><rotate y="1" angle="20"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.2"/><float name="ext_ior" value="1"/></bsdf></shape></scene>"#;
-    let text = rod(&[("wall", &inner, ""), ("top", &inner, ""), ("bottom", &inner, "")]).replace("</scene>", block);
-    let text = text.replace(r#"name="ior" value="1.3""#, r#"name="ior" value="1.5""#);
-    against_differences(&text, &[("ior", 0.02), ("x", 0.03), ("r", 0.02)], &["all"], 1 << 12, 0.02);
-    // A lid alone is no body.
-    let open = rod(&[("top", &inner, "")]).replace("</scene>", block);
-    let (desc, sc) = scene(&open);
-    let p = sc.param_set(&desc, &["r".to_string()]).unwrap();
-    let told = job(&sc, 2, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(told.contains("may touch") && told.contains("cylinders that two disks close"), "{told}");
+    let text = rod_in_a_block(&["wall", "top", "bottom"]);
+    against_differences(&text, &[("ior", 0.02), ("x", 0.03), ("r", 0.02)], &["all"], 1 << 15, 0.02);
+    let d = derivatives(&text, &["r"], &["all"], 1 << 15)[0];
+    assert!(d.error[0] < 0.1 * d.value[0], "{d:?}");
 }
 
 #[test]
