@@ -9,13 +9,12 @@ use crate::shape::{Geometry, Shape};
 /// Rims this near to each other, as a share of the scene's radius, and of a right angle, are one.
 pub const WELD: f64 = 1e-9;
 /// Rims this near, as a share of the radius, are meant to be one.
-const NEAR: f64 = 0.02;
+const NEAR: f64 = 0.2;
 /// Indices that differ by less, relatively, are one.
 const SAME: f64 = 1e-9;
 
 /// An end of a tube.
 struct End {
-    shape: usize,
     middle: DVec3,
     /// Out of the tube, along the axis.
     outward: DVec3,
@@ -29,51 +28,83 @@ struct Side {
     medium: Option<u32>,
 }
 
-/// Lids that do not quite close their tube.
+/// A disk that may close one.
+struct Lid {
+    shape: usize,
+    middle: DVec3,
+    normal: DVec3,
+    /// Of both axes.
+    radii: [f64; 2],
+}
+
+impl Lid {
+    fn of(shape: usize, s: &Instance) -> Option<Lid> {
+        let Shape::Disk(d) = &s.shape else { return None };
+        let (middle, x, y) =
+            (d.placement.point(DVec3::ZERO), d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y));
+        Some(Lid { shape, middle, normal: x.cross(y).normalize(), radii: [x.length(), y.length()] })
+    }
+
+    /// How far it is from the end of a tube, at most, anywhere along the rim.
+    fn off(&self, end: &End) -> f64 {
+        let radii = self.radii.map(|r| (r - end.radius).abs());
+        let tilt = end.radius * self.normal.cross(end.outward).length();
+        (self.middle - end.middle).length().max(radii[0]).max(radii[1]).max(tilt)
+    }
+}
+
+/// Tubes whose lids do not quite close them, and those with a lid at one end alone.
 pub fn advise(scene: &Scene, parts: &Parts<f64>) -> Vec<Warning> {
-    let counts =
-        |s: &Instance| parts.surfaces[s.surface as usize].is_transparent() && (!scene.is_null(s) || s.boundary);
-    let mut ends = ends(scene, counts);
-    ends.sort_by(|a, b| a.middle.x.total_cmp(&b.middle.x));
+    let transparent = |s: &Instance| parts.surfaces[s.surface as usize].is_transparent();
+    let mut lids: Vec<Lid> = (0..).zip(&scene.shapes).filter_map(|(i, s)| Lid::of(i, s)).collect();
+    lids.sort_by(|a, b| a.middle.x.total_cmp(&b.middle.x));
+    let weld = WELD * scene.bounds.radius();
     let mut found = Vec::new();
-    for lid in scene.shapes.iter().filter(|s| counts(s)) {
-        let Shape::Disk(d) = &lid.shape else { continue };
-        let (c, x, y) = (d.placement.point(DVec3::ZERO), d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y));
-        let (radius, n) = (x.length(), x.cross(y).normalize());
-        let slack = NEAR * radius;
-        let from = ends.partition_point(|e| e.middle.x < c.x - slack);
-        let beside = ends[from..].iter().take_while(|e| e.middle.x <= c.x + slack);
-        let off = |e: &End| {
-            let radii = (radius - e.radius).abs().max((y.length() - e.radius).abs());
-            (e.middle - c).length().max(radii).max(radius * n.cross(e.outward).length())
-        };
-        let Some((end, off)) = beside.map(|e| (e, off(e))).filter(|e| e.1 <= slack).min_by(|a, b| a.1.total_cmp(&b.1))
-        else {
+    let mut warn = |s: &Instance, what: String, hint: String| {
+        let (kind, span) = (WarningKind::OpenInterface, s.span.clone());
+        found.push(Warning { kind, span, what, hint });
+    };
+    for tube in &scene.shapes {
+        let Shape::Cylinder(c) = &tube.shape else { continue };
+        if !transparent(tube) || scene.is_null(tube) && !tube.boundary {
             continue;
-        };
-        let tube = &scene.shapes[end.shape];
-        if let Some((what, hint)) = difference(scene, parts, (lid, tube), end, off) {
-            found.push(Warning {
-                kind: WarningKind::OpenInterface,
-                span: lid.span.clone(),
-                what: format!("the disk `{}` closes the cylinder `{}`, but {what}", lid.name, tube.name),
-                hint,
-            });
+        }
+        let nearest = [0, 1].map(|k| {
+            let (middle, inward) = c.rim(k);
+            let end = End { middle, outward: -inward, radius: c.radius };
+            let slack = NEAR * c.radius;
+            let from = lids.partition_point(|l| l.middle.x < middle.x - slack);
+            let beside = lids[from..].iter().take_while(|l| l.middle.x <= middle.x + slack);
+            let near = beside.map(|l| (l, l.off(&end))).filter(|l| l.1 <= slack);
+            // Of rods that stand on each other each has its own.
+            let fits = |(l, _): &(&Lid, f64)| {
+                let lid = &scene.shapes[l.shape];
+                transparent(lid) && difference(scene, parts, (lid, tube), &end, 0.0).is_none()
+            };
+            let key = |l: &(&Lid, f64)| if l.1 <= weld { -f64::from(u8::from(fits(l))) } else { l.1 };
+            near.min_by(|a, b| key(a).total_cmp(&key(b))).map(|(l, off)| (l, off, end))
+        });
+        for (l, off, end) in nearest.iter().flatten() {
+            let lid = &scene.shapes[l.shape];
+            if !transparent(lid) {
+                continue;
+            }
+            if let Some((what, hint)) = difference(scene, parts, (lid, tube), end, *off) {
+                warn(lid, format!("the disk `{}` closes the cylinder `{}`, but {what}", lid.name, tube.name), hint);
+            }
+        }
+        if let [Some((l, off, _)), None] | [None, Some((l, off, _))] = &nearest {
+            let lid = &scene.shapes[l.shape];
+            if *off <= weld && transparent(lid) {
+                let what = format!(
+                    "the disk `{}` closes one end of the cylinder `{}`, the other is open: rays that pass there leave or enter it unseen",
+                    lid.name, tube.name
+                );
+                warn(tube, what, "close both with disks of the same bsdf and media, or none".into());
+            }
         }
     }
     found
-}
-
-fn ends(scene: &Scene, counts: impl Fn(&Instance) -> bool) -> Vec<End> {
-    let mut list = Vec::new();
-    for (shape, s) in scene.shapes.iter().enumerate().filter(|(_, s)| counts(s)) {
-        let Shape::Cylinder(c) = &s.shape else { continue };
-        list.extend([0, 1].map(|k| {
-            let (middle, inward) = c.rim(k);
-            End { shape, middle, outward: -inward, radius: c.radius }
-        }));
-    }
-    list
 }
 
 /// What keeps a lid and a tube from being one body, and what helps.

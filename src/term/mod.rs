@@ -205,7 +205,8 @@ impl Motion {
             });
             let hidden = || scene.blocked_past(p, -q.w, q.distance, &[]);
             if inside && !hidden() {
-                let [x, y] = q.film;
+                // Not -0.
+                let [x, y] = q.film.map(|x| x.round() + 0.0);
                 return Err(Error::usage(
                     format!(
                         "the light `{}` moves inside a medium and is seen at pixel ({x:.0}, {y:.0}): the derivative beside it cannot be computed yet",

@@ -44,6 +44,7 @@ fn compare(text: &str, wrt: &[(&str, f64)], spp: u64) {
 }
 
 #[test]
+#[ignore = "make stress"]
 fn light_in_a_block_against_differences() {
     let place = [("n", 0.05), ("x", 0.1), ("h", 0.05), ("tilt", 3.0), ("cam", 0.012)];
     compare(&scene_of(5, &block(FOGGY), LAMP), &place, 1 << 14);
@@ -116,6 +117,7 @@ fn bodies_that_meet_are_refused() {
 
 /// Balls in fog in a block, and above it; a tube and a plate.
 #[test]
+#[ignore = "make stress"]
 fn light_past_round_things_against_differences() {
     let ball = |at: &str, radius: &str| {
         format!(

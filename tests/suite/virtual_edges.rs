@@ -437,6 +437,7 @@ fn a_ball_in_a_mirror_ball() {
 }
 
 #[test]
+#[ignore = "make stress"]
 fn balls_behind_a_pane() {
     let what = [("ior", 0.02), ("x", 0.03), ("h", 0.03), ("cam", 0.03)];
     against_differences(BALLS, &what, &["all"], 1 << 12, 0.02);
