@@ -44,8 +44,8 @@ embree4:
 
 # Slow suites.
 stress: build
-	target/release/tyndall stress --suite core
-	cargo test --release --test suite -- --ignored --nocapture --skip stress::
+	status=0; target/release/tyndall stress --suite core || status=$$?; \
+	cargo test --release --test suite -- --ignored --nocapture --skip stress:: || status=$$?; exit $$status
 
 # The least Rust that is promised, in a folder of its own.
 msrv: setup

@@ -54,6 +54,7 @@ impl PlanArgs {
             log.warnings(&desc.warnings);
             return Ok(Some(e));
         }
+        // Of voxels that have to be repaired `grad` tells.
         let mut scene = match Scene::compile(desc, &self.scene.load(true)) {
             Ok(scene) => scene,
             Err(e) => return Ok(Some(e)),

@@ -137,10 +137,6 @@ pub struct Facts {
     pub hard_profile: bool,
     /// A collimated beam.
     pub beam: bool,
-    /// And something opaque that may stand in it.
-    pub cut_beam: bool,
-    /// A beam where nothing mirrors or refracts.
-    pub straight_beam: bool,
     pub area_light: bool,
     /// The density of some medium jumps at a visible border (its box, its shape).
     pub border_jump: bool,
@@ -232,14 +228,16 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     add(m.beam, &[M], "a beam moves, or its profile changes");
     add(m.beam && f.hard_profile, &[H], "its profile has a hard edge");
     let any = m.beam || m.opaque || m.area_light || m.camera || m.ior || m.interface || m.zero_measure_light;
-    add(any && f.straight_beam && f.medium, &[H], "a beam may begin inside a medium");
-    add(any && f.cut_beam, &[C], "something opaque may stand in a beam, beside glass or mirrors");
-    let shadow = (m.zero_measure_light || m.beam_turns && f.straight_beam) && f.occluders;
+    // Where nothing mirrors or refracts.
+    let straight_beam = f.beam && !f.dielectric;
+    add(any && straight_beam && f.medium, &[H], "a beam may begin inside a medium");
+    add(any && f.beam && f.beyond_interface, &[C], "something opaque may stand in a beam, beside glass or mirrors");
+    let shadow = (m.zero_measure_light || m.beam_turns && straight_beam) && f.occluders;
     add(shadow && f.medium, &[G], "a light moves, occluders cast shadows in a medium");
     add(shadow && f.reflecting, &[R], "a light moves, occluders cast shadows on surfaces");
 
     // Straight beams cast shadows like a light without extent.
-    let casts = f.zero_measure_light || f.straight_beam;
+    let casts = f.zero_measure_light || straight_beam;
     let both = casts && (m.opaque || m.area_light);
     add(m.opaque, &[M, E1], "something opaque moves");
     add(m.opaque && f.medium, &[E2], "something opaque moves in a medium");
@@ -404,7 +402,7 @@ impl Plan {
                 let covered = match term {
                     Term::G | Term::R => true,
                     Term::VE => !(turns || moved),
-                    Term::C => !facts.cut_beam,
+                    Term::C => !(facts.beam && facts.beyond_interface),
                     _ => false,
                 };
                 if known && covered {
@@ -530,10 +528,6 @@ pub fn facts(p: &Parts<f64>) -> Facts {
             _ => false,
         }),
         beam: p.lights.iter().any(|l| beam(&l.kind)),
-        cut_beam: p.lights.iter().any(|l| beam(&l.kind))
-            && p.shapes.iter().any(|s| smooth(s.surface))
-            && p.shapes.iter().any(|s| outlined(s.surface)),
-        straight_beam: p.lights.iter().any(|l| beam(&l.kind)) && !p.shapes.iter().any(|s| smooth(s.surface)),
         area_light: p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Area { .. })),
         border_jump: p.media.iter().any(|m| !matches!(m.density, VolumePart::Vdb { .. })),
         only_panes: p.shapes.iter().any(|s| smooth(s.surface))

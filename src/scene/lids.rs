@@ -22,7 +22,6 @@ struct End {
 }
 
 /// What lies on one side of a face: the index of refraction, where it is glass, and the medium.
-#[derive(PartialEq)]
 struct Side {
     index: Option<f64>,
     medium: Option<u32>,
@@ -81,8 +80,11 @@ pub fn advise(scene: &Scene, parts: &Parts<f64>) -> Vec<Warning> {
                 let lid = &scene.shapes[l.shape];
                 transparent(lid) && difference(scene, parts, (lid, tube), &end, 0.0).is_none()
             };
-            let key = |l: &(&Lid, f64)| if l.1 <= weld { -f64::from(u8::from(fits(l))) } else { l.1 };
-            near.min_by(|a, b| key(a).total_cmp(&key(b))).map(|(l, off)| (l, off, end))
+            let first = |a: &(&Lid, f64), b: &(&Lid, f64)| match a.1.max(b.1) <= weld {
+                true => fits(b).cmp(&fits(a)),
+                false => a.1.total_cmp(&b.1),
+            };
+            near.min_by(first).map(|(l, off)| (l, off, end))
         });
         for (l, off, end) in nearest.iter().flatten() {
             let lid = &scene.shapes[l.shape];
@@ -128,9 +130,6 @@ fn difference(
     if off > WELD * scene.bounds.radius() {
         let what = format!("{off:.1e} beside its rim: rays that pass between them leave or enter it unseen");
         return Some((what, "give both the same middle, radius and direction, best by the same to_world".into()));
-    }
-    if of_tube == of_lid {
-        return None;
     }
     let indices = of_tube.index.zip(of_lid.index).filter(|(a, b)| (a - b).abs() > SAME * a.abs());
     if let Some((a, b)) = indices {

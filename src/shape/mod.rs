@@ -19,6 +19,7 @@ pub mod rectangle;
 pub mod roots;
 pub mod sphere;
 pub mod topology;
+pub mod triangles;
 
 pub use bounds::Bounds;
 pub use cube::Cube;

@@ -3,7 +3,6 @@
 //! With `g = <q - p, d>` there is light where g > 0, and at a point q that moves with q̇ `ġ = <d, q̇ - ṗ> + <q - p, ḋ>`. The disk adds ġ times the irradiance there times what its points scatter.
 
 use super::ends::{self, Point, Watch};
-use super::interfaces::triangles;
 use super::light_walk::Vertex;
 use super::sheet::{Partials, Reach, media_box};
 use super::sheet_samples;
@@ -17,6 +16,8 @@ use crate::phase::one_minus_cos;
 use crate::scene::Scene;
 use crate::scene::beams::FAINT;
 use crate::shape::Shape;
+use crate::shape::triangles::triangles;
+use crate::transport::record::MediumSpan;
 use crate::transport::transmit;
 use std::f64::consts::{PI, TAU};
 
@@ -137,34 +138,32 @@ impl BeamStart {
         p
     }
 
-    /// Where a camera line crosses the disk; it is drawn outward with this probability.
-    pub fn along(&self, cx: &mut Context, film: [f64; 2], probability: f64, emit: &mut dyn FnMut(&Sample)) {
-        sheet_samples::along(cx, film, |cx, spans, span| {
-            let Some((_, before)) = spans.split_last().filter(|_| cx.set.min_order <= 1) else { return };
-            let slope = span.w.dot(self.d);
-            let t = (self.p - span.o).dot(self.d) / slope;
-            if !(t > span.t0 && t < span.t1) {
-                return;
-            }
-            let scene = cx.scene;
-            let q = span.o + span.w * t;
-            if (q - self.p).length() > self.reach() || self.medium(cx, q) != Some(span.medium) {
-                return;
-            }
-            let m = &scene.media[span.medium as usize];
-            let light = self.irradiance(scene, q) * m.coefficients(q).1;
-            let Some(seen) = cx.sensor.project(q).filter(|_| !light.is_zero()) else { return };
-            let part = span.until(t);
-            let transmittance = before.iter().chain([&part]).fold(Rgb::ONE, |t, s| t * transmit::one_span(scene, s));
-            let f = m.phase.eval(one_minus_cos(span.w, -self.d));
-            let (point, watch) = sheet_samples::crossed(cx, span, t);
-            emit(&Sample {
-                film: seen.film,
-                flux: transmittance * light * (f * seen.pixels_per_area),
-                partials: self.motion(cx, q, &point, &watch).as_slice(),
-                film_per_sheet: seen.pixels_per_area * slope.abs(),
-                outward: probability * self.density(q),
-            });
+    /// Where the last of a camera line's `spans` crosses the disk, which is drawn from with this probability.
+    pub fn cross(&self, cx: &mut Context, spans: &[MediumSpan], probability: f64, emit: &mut dyn FnMut(&Sample)) {
+        let Some((span, before)) = spans.split_last().filter(|_| cx.set.min_order <= 1) else { return };
+        let slope = span.w.dot(self.d);
+        let t = (self.p - span.o).dot(self.d) / slope;
+        if !(t > span.t0 && t < span.t1) {
+            return;
+        }
+        let scene = cx.scene;
+        let q = span.o + span.w * t;
+        let m = &scene.media[span.medium as usize];
+        let light = self.irradiance(scene, q) * m.coefficients(q).1;
+        if light.is_zero() || self.medium(cx, q) != Some(span.medium) {
+            return;
+        }
+        let Some(seen) = cx.sensor.project(q) else { return };
+        let part = span.until(t);
+        let transmittance = before.iter().chain([&part]).fold(Rgb::ONE, |t, s| t * transmit::one_span(scene, s));
+        let f = m.phase.eval(one_minus_cos(span.w, -self.d));
+        let (point, watch) = sheet_samples::crossed(cx, span, t);
+        emit(&Sample {
+            film: seen.film,
+            flux: transmittance * light * (f * seen.pixels_per_area),
+            partials: self.motion(cx, q, &point, &watch).as_slice(),
+            film_per_sheet: seen.pixels_per_area * slope.abs(),
+            outward: probability * self.density(q),
         });
     }
 

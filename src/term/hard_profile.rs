@@ -129,14 +129,14 @@ impl Room for HardProfile {
         if let Some(beams) = &self.beams {
             beams.along(cx, film, *rng, emit);
         }
-        for (i, start) in self.starts.iter().enumerate() {
-            let probability = self.table.probability(self.cones.len() + self.spots.len() + i);
-            start.along(cx, film, probability, emit);
-        }
-        if self.cones.is_empty() {
+        if self.cones.is_empty() && self.starts.is_empty() {
             return;
         }
         sheet_samples::along(cx, film, |cx, spans, span| {
+            for (i, start) in self.starts.iter().enumerate() {
+                let probability = self.table.probability(self.cones.len() + self.spots.len() + i);
+                start.cross(cx, spans, probability, emit);
+            }
             for (i, cone) in self.cones.iter().enumerate() {
                 for (t, u) in cone.crossings(span.o, span.w) {
                     let rho = u.length();

@@ -9,25 +9,21 @@ use super::rims::Rim;
 use super::{Motion, cast, contact, ends, panes};
 use crate::error::{Error, Result};
 use crate::light::{Light, LightKind};
-use crate::math::DVec3;
 use crate::math::nearest::between_triangles;
 use crate::scene::beams::is_flat;
 use crate::scene::chains::has_flat_faces;
 use crate::scene::nearest::Kind;
 use crate::scene::panes::PARALLEL;
 use crate::scene::{Instance, Scene};
-use crate::shape::edges::with_corners;
-use crate::shape::{Bounds, Disk, Geometry, Shape};
+use crate::shape::triangles::triangles;
+use crate::shape::{Geometry, Shape};
 use rayon::prelude::*;
 use std::cell::OnceCell;
-use std::f64::consts::{PI, TAU};
 
 /// Faces of a smooth mesh at most: every chain of them has to be found by chance.
 pub(super) const FACETS: u32 = 512;
 /// Where an edge is looked at for what it touches.
 const PLACES: [f64; 5] = [0.02, 0.27, 0.5, 0.73, 0.98];
-/// Corners of a polygon that stands for a disk: larger by 1/cos(π/100) - 1, a half of a thousandth.
-const ROUND: usize = 100;
 
 pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     beams(scene, motion)?;
@@ -156,34 +152,6 @@ fn are_apart(scene: &Scene, a: &Instance, b: &Instance) -> bool {
     };
     let ((p, n), (q, m)) = (plane(a), plane(b));
     single(a) && single(b) && n.cross(m).length() <= PARALLEL && (q - p).dot(n).abs() > ends::contact(scene)
-}
-
-/// Triangles of a shape of flat faces, with the boxes around them; of a disk or cylinder, those of a polygon or prism that holds it.
-pub(super) fn triangles(s: &Shape) -> Vec<(Bounds, [DVec3; 3])> {
-    let mut all = Vec::new();
-    let mut fan = |c: &[DVec3]| all.extend((2..c.len()).map(|k| [c[0], c[k - 1], c[k]]));
-    match s {
-        Shape::Disk(d) => fan(&around(d)),
-        Shape::Cylinder(c) => {
-            let (x, y) = c.rim_axes();
-            let [a, b] = [0, 1].map(|k| ring(c.rim(k).0, x, y));
-            (0..ROUND).map(|k| [k, (k + 1) % ROUND]).for_each(|[i, j]| fan(&[a[i], a[j], b[j], b[i]]));
-        }
-        _ => (0..s.face_count()).for_each(|f| _ = with_corners(s, f, &mut fan)),
-    }
-    all.into_iter().map(|t| (t.into_iter().collect(), t)).collect()
-}
-
-/// Corners of a polygon around a disk.
-fn around(d: &Disk) -> [DVec3; ROUND] {
-    ring(d.placement.point(DVec3::ZERO), d.placement.vector(DVec3::X), d.placement.vector(DVec3::Y))
-}
-
-fn ring(c: DVec3, x: DVec3, y: DVec3) -> [DVec3; ROUND] {
-    std::array::from_fn(|k| {
-        let (sin, cos) = (TAU * k as f64 / ROUND as f64).sin_cos();
-        c + (x * cos + y * sin) / (PI / ROUND as f64).cos()
-    })
 }
 
 /// Smooth faces of two shapes that meet, where rays part. Those of glass without an inside, whose borders count as out of sight, must have boxes around them that are apart.

@@ -61,7 +61,7 @@ impl LightShadow {
                 None if m.direction => Some(l.place.direction),
                 _ => None,
             };
-            // By themselves beams move no shadows of others, and turning no point of a medium.
+            // A beam that moves takes along no outline and no point that light falls on.
             let surfaces = motion.moving.matter();
             if slot.is_some() || surfaces {
                 let outlines = Outlines::of_light(scene, motion, i as u32);

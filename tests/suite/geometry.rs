@@ -194,6 +194,38 @@ fn lids_that_do_not_close_a_tube_are_warned_of() {
     }
 }
 
+/// Two rods on each other, each with its own lids; a column of fog whose upper lid knows no fog.
+#[test]
+fn lids_of_rods_on_each_other_and_of_columns() {
+    let tube = |y: f64, bsdf: &str, media: [&str; 2]| {
+        let lid = |id: &str, turn: i32, y: f64, media: &str| {
+            format!(
+                r#"<shape type="disk" id="{id}"><transform name="to_world"><scale value="0.4"/><rotate x="1" angle="{turn}"/><translate y="{y}"/></transform>{bsdf}{media}</shape>"#
+            )
+        };
+        let wall = format!(
+            r#"<shape type="cylinder"><point name="p0" value="0, {y}, 0"/><point name="p1" value="0, {}, 0"/><float name="radius" value="0.4"/>{bsdf}{}</shape>"#,
+            y + 1.0,
+            media[0]
+        );
+        wall + &lid(&format!("low{y}"), 90, y, media[0]) + &lid(&format!("high{y}"), -90, y + 1.0, media[1])
+    };
+    let told = |shapes: &str| {
+        let (_, s) = scene(&format!(
+            r#"<scene version="3.0.0"><integrator type="volpath"/><medium type="homogeneous" id="fog"/><sensor type="perspective">
+            <transform name="to_world"><translate z="-5"/></transform></sensor>{shapes}<emitter type="constant"/></scene>"#
+        ));
+        s.warnings.iter().map(|w| w.to_string()).collect::<Vec<_>>().join("; ")
+    };
+    let glass = r#"<bsdf type="dielectric"/>"#;
+    let rods = told(&(tube(0.0, glass, [""; 2]) + &tube(1.0, glass, [""; 2])));
+    assert!(!rods.contains("closes"), "{rods}");
+    let (null, fog) = (r#"<bsdf type="null"/>"#, r#"<ref name="interior" id="fog"/>"#);
+    assert_eq!(told(&tube(0.0, null, [fog; 2])), "");
+    let open = told(&tube(0.0, null, [fog, ""]));
+    assert!(open.contains("the disk `high0`") && open.contains("medium `fog` by the cylinder and no medium"), "{open}");
+}
+
 #[test]
 fn open_glass_and_absurd_roughness_are_warned_of() {
     let dir = tempfile::tempdir().unwrap();

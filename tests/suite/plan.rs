@@ -26,8 +26,6 @@ const NO: Facts = Facts {
     local_light: false,
     hard_profile: false,
     beam: false,
-    cut_beam: false,
-    straight_beam: false,
     area_light: false,
     border_jump: false,
     dielectric: false,
@@ -251,6 +249,23 @@ fn missing_terms_name_their_cause() {
     let panes = r#"<shape type="rectangle"><bsdf type="dielectric"/></shape><shape type="cube"><bsdf type="dielectric"/></shape>"#;
     let error = plan(&format!("{CAMERA}{panes}{light}"), "x").refuse().unwrap_err().to_string();
     assert!(error.contains("`bulb`"), "{error}");
+}
+
+/// A term that two parameters lack is named once.
+#[test]
+fn missing_terms_are_named_once() {
+    let glass = r#"<shape type="sphere"><bsdf type="dielectric"/></shape>"#;
+    let light =
+        r#"<default name="y" value="3"/><emitter type="point"><point name="position" x="$x" y="$y" z="0"/></emitter>"#;
+    let text = format!(
+        r#"<scene version="3.0.0"><default name="x" value="0.2"/><integrator type="volpath"/>{CAMERA}{glass}{light}</scene>"#
+    );
+    let desc = SceneDesc::parse(&text, Path::new("plan.xml"), &[]).unwrap();
+    let p = Plan::new(&desc, &["x".to_string(), "y".to_string()]).unwrap();
+    let told = p.refuse().unwrap_err().to_string();
+    let list = told.split("missing: ").nth(1).and_then(|t| t.split(". ").next()).unwrap();
+    let names: Vec<&str> = list.split(", ").collect();
+    assert_eq!(names.iter().collect::<BTreeSet<_>>().len(), names.len(), "{told}");
 }
 
 #[test]

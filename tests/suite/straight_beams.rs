@@ -150,6 +150,29 @@ fn in_fog_against_differences() {
     against_differences(&begins, &[("bx", 0.05), ("turn", 3.0), ("cam", 0.05), ("x", 0.05)], &["all"], 1 << 11, 0.02);
 }
 
+/// A half-plane high above fog, its border at s from the axis: one scattering of what it shades, over the fog's depth and the chord `2 √(r² - s²)`.
+#[test]
+fn a_shadow_in_fog() {
+    let text = r#"<scene version="3.0.0"><default name="s" value="0.1"/><integrator type="volpath"/>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.8"/><float name="albedo" value="0.5"/></medium>
+  <sensor type="orthographic"><transform name="to_world"><scale x="1.5" y="1.5"/><lookat origin="0, 0, 6" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="3"/><integer name="height" value="3"/><rfilter type="box"/></film></sensor>
+  <shape type="cube"><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.8"/><rotate x="1" angle="90"/><translate x="-0.8"/><translate x="$s" y="2"/></transform>
+    <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></bsdf></shape>
+  <emitter type="collimated"><transform name="to_world"><rotate x="1" angle="90"/><translate y="3"/></transform>
+    <float name="radius" value="0.3"/><string name="profile" value="hard"/><float name="irradiance" value="10"/></emitter></scene>"#;
+    let (sigma, half): (f64, f64) = (0.8, (0.09f64 - 0.01).sqrt());
+    // Down through the fog, and from the chord's places to the camera.
+    let ways = (1.0 - (-2.0 * sigma).exp()) / sigma * (-sigma).exp() * 2.0 * (sigma * half).sinh() / sigma;
+    let truth = -0.4 * 10.0 / (4.0 * PI) / 9.0 * ways;
+    let once = Orders { first: 1, last: 1 };
+    let d = forward_of(text, once, &["s"], &["all"], 1 << 14)[1];
+    check("the plate's place", &d, truth, 0.01);
+    let none = forward_of(text, once, &["s"], &["interior", "hard_profile", "medium_edge"], 1 << 8)[1];
+    assert!(none.value[0] == 0.0, "without its shadow: {none:?}");
+}
+
 /// A beam begins half in fog, half above it: its start brings K over the part that is in the fog.
 #[test]
 fn half_of_a_beam_begins_in_fog() {
