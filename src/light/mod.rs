@@ -4,7 +4,7 @@
 pub mod envmap;
 
 use crate::math::{DVec3, Real, Rgb, V3};
-use crate::params::{ParamSet, Slot};
+use crate::params::{ParamSet, Partial, Slot};
 use envmap::Envmap;
 use std::f64::consts::PI;
 
@@ -153,6 +153,11 @@ impl Light {
         matches!(self.kind, LightKind::Point { .. } | LightKind::Spot { .. } | LightKind::Directional { .. })
     }
 
+    /// Collimated.
+    pub fn is_beam(&self) -> bool {
+        matches!(self.kind, LightKind::Beam { .. })
+    }
+
     pub fn is_at_infinity(&self) -> bool {
         matches!(self.kind, LightKind::Directional { .. } | LightKind::Constant | LightKind::Envmap(_))
     }
@@ -207,6 +212,14 @@ impl Light {
         }
     }
 
+    /// Where light without extent, or of a beam, begins, if that is a place.
+    pub fn stands(&self) -> Option<DVec3> {
+        match self.kind {
+            LightKind::Beam { position, .. } => Some(position),
+            _ => self.center(),
+        }
+    }
+
     /// What such a light sends toward a point: intensity, or irradiance across its rays.
     pub fn emission_toward(&self, p: DVec3) -> Option<Emission> {
         self.straight(p).map(|a| a.emission)
@@ -229,6 +242,25 @@ impl Light {
             LightKind::Beam { direction, .. } => parallel(direction, d.length(), self.emission(Rgb::ONE)),
             _ => self.along(d),
         }
+    }
+
+    /// What a light with an origin sends along the line by a point: of a hard-edged beam what it sends within its edge, wherever the line is.
+    pub fn emission_beside(&self, p: DVec3) -> Option<Emission> {
+        match self.kind {
+            LightKind::Beam { position, direction, gaussian: false, .. } => {
+                ((p - position).dot(direction) >= 0.0).then(|| self.emission(Rgb::ONE))
+            }
+            _ => self.emission_toward(p),
+        }
+    }
+
+    /// What a point p of a beam's edge asks of the beam as that moves: `<v, ṗ + Ṙ r>`, r being the unit vector from the axis to it; at its plane, where it does not turn.
+    pub fn edge_forms(&self, p: DVec3, v: DVec3, mut add: impl FnMut(Partial)) {
+        let LightKind::Beam { position, direction, .. } = self.kind else { return };
+        let m = p - position;
+        let r = (m - direction * m.dot(direction)).normalize_or_zero();
+        add(Partial { slot: self.place.position, v, len: 3 });
+        add(Partial { slot: self.place.radius, v: DVec3::X * v.dot(r), len: 1 });
     }
 
     /// Arrival from a position, `d` from the point to it, at full intensity.

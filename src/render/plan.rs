@@ -147,6 +147,8 @@ pub struct Facts {
     pub opaque_rectangles: bool,
     /// All that casts shadows, glass too, has known borders.
     pub known_borders: bool,
+    /// None of what mirrors or refracts smoothly is round, or a mesh.
+    pub flat_smooth: bool,
     /// A dielectric or mirror with facets or other edges.
     pub polygonal_dielectric: bool,
     /// A ball or cylinder of glass or metal, and something outside of it that scatters.
@@ -159,6 +161,13 @@ pub struct Facts {
     pub light_across_interface: bool,
     /// Rough glass of GGX facets, and light without extent, beams too.
     pub facets: bool,
+}
+
+impl Facts {
+    /// Of a beam that something opaque may stand in, beside glass or mirrors, all borders are known (`term::cast`).
+    fn knows_cut_beams(&self) -> bool {
+        self.beam && self.beyond_interface && self.known_borders && self.flat_smooth
+    }
 }
 
 /// What moves or changes for the parameters asked.
@@ -231,7 +240,12 @@ pub fn needed(f: &Facts, m: &Motion) -> BTreeMap<Term, &'static str> {
     // Where nothing mirrors or refracts.
     let straight_beam = f.beam && !f.dielectric;
     add(any && straight_beam && f.medium, &[H], "a beam may begin inside a medium");
-    add(any && f.beam && f.beyond_interface, &[C], "something opaque may stand in a beam, beside glass or mirrors");
+    let cut = any && f.beam && f.beyond_interface;
+    let why = "something opaque may stand in a beam, beside glass or mirrors";
+    add(cut && f.medium, &[G], why);
+    // Its own edge on surfaces is told with all other borders there.
+    add(cut && f.receivers, &[R], why);
+    add(cut && !f.knows_cut_beams(), &[C], why);
     let shadow = (m.zero_measure_light || m.beam_turns && straight_beam) && f.occluders;
     add(shadow && f.medium, &[G], "a light moves, occluders cast shadows in a medium");
     add(shadow && f.reflecting, &[R], "a light moves, occluders cast shadows on surfaces");
@@ -402,13 +416,14 @@ impl Plan {
                 let covered = match term {
                     Term::G | Term::R => true,
                     Term::VE => !(turns || moved),
-                    Term::C => !(facts.beam && facts.beyond_interface),
+                    Term::C => !(facts.beam && facts.beyond_interface) || facts.knows_cut_beams(),
                     _ => false,
                 };
                 if known && covered {
                     continue;
                 }
-                if !term.exists(&motion) {
+                let by_beams = facts.knows_cut_beams() && (known || !facts.zero_measure_light);
+                if !(term.exists(&motion) || by_beams && matches!(term, Term::G | Term::R)) {
                     let cause = cause(&parts, term, &motion);
                     missing.push(Missing { parameter: name.clone(), term, why, cause });
                 }
@@ -538,6 +553,10 @@ pub fn facts(p: &Parts<f64>) -> Facts {
             }),
         opaque_rectangles: p.shapes.iter().all(|s| matches!(s.kind, ShapeKind::Rectangle) || !outlined(s.surface)),
         known_borders: p.shapes.iter().any(|s| smooth(s.surface)) && solid.iter().all(|s| has_known_borders(p, s)),
+        flat_smooth: p
+            .shapes
+            .iter()
+            .all(|s| !smooth(s.surface) || matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk | ShapeKind::Cube)),
         dielectric: p.shapes.iter().any(|s| smooth(s.surface)),
         polygonal_dielectric: p.shapes.iter().any(|s| smooth(s.surface) && (edged(&s.kind) || is_mirror(s))),
         rims: rims(p),

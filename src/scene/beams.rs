@@ -52,6 +52,11 @@ const TAILS: f64 = 3.0;
 const WEAK: f64 = 0.1;
 
 impl Way {
+    /// How often it is asked for where that is left to chance.
+    pub fn asked(&self) -> f64 {
+        (self.gain.max() / WEAK).min(1.0)
+    }
+
     /// A point on the line through the beam's own plane that leads to `x`, as if nothing of the line could lie behind a plane.
     pub fn origin(&self, x: DVec3) -> DVec3 {
         let (mut p, mut w) = (x, self.w);
@@ -152,7 +157,7 @@ impl Way {
             let half = if gaussian { TAILS * 0.5 * radius } else { (reach * reach - least * least).sqrt() } / speed;
             (from, to) = (from.max(closest - half), to.min(closest + half));
         }
-        let asked = (self.gain.max() / WEAK).min(1.0);
+        let asked = self.asked();
         (to - from > 0.0 && to < f64::INFINITY).then_some(Tube { from, to, asked })
     }
 }

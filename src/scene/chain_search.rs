@@ -94,14 +94,6 @@ struct Limits {
     asked: f64,
 }
 
-/// Where its light begins, if that is a place.
-fn stands(light: &Light) -> Option<DVec3> {
-    match light.kind {
-        LightKind::Beam { position, .. } => Some(position),
-        _ => light.center(),
-    }
-}
-
 /// Directions of light to a face.
 fn cone(from: Source, corners: &[DVec3]) -> Cone {
     match from {
@@ -201,7 +193,7 @@ impl Search<'_> {
         let light = &self.scene.lights[id as usize];
         let slack = SLACK * self.scene.bounds.radius();
         let (stands, pencil) = match from {
-            Source::Origin(_) => (stands(light), None),
+            Source::Origin(_) => (light.stands(), None),
             Source::Lamp(b) => (Some(b.center), Some(Pencil::new(b.center, b.radius, Cone::ALL))),
         };
         let inside = self.holders(stands);
@@ -341,14 +333,14 @@ impl Scene {
     pub fn prepare_chains(&mut self) {
         let mut sources: Vec<(u32, Origin<f64>)> =
             (0..).zip(&self.lights).filter_map(|(id, l)| Some((id, l.origin()?))).collect();
-        if !self.shapes.iter().any(|s| self.has_links(s) && matches!(s.shape, Shape::Mesh(_))) {
-            sources.retain(|s| self.lights[s.0 as usize].is_delta());
-        }
         if sources.is_empty() {
             return;
         }
         let mut search = self.search();
         search.found.touching = search.touch();
+        if !self.shapes.iter().any(|s| self.has_links(s) && matches!(s.shape, Shape::Mesh(_))) {
+            sources.retain(|s| self.lights[s.0 as usize].is_delta());
+        }
         let share = 1.0 / sources.len() as f64;
         for &(id, from) in &sources {
             let limits = Limits { listed: CHAINS * share, asked: ASKED * share };

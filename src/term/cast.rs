@@ -1,4 +1,4 @@
-//! Where lights without extent begin and cease to shine by a way of flat smooth faces: at the border of a face that light meets, or of one that comes between, or at the rim or outline of something opaque and round (terms G of [T] section 3, by way of interfaces).
+//! Where lights without extent, and beams that something cuts, begin and cease to shine by a way of flat smooth faces: at the border of a face that light meets, or of one that comes between, or at the rim or outline of something opaque and round (terms G of [T] section 3, by way of interfaces).
 //!
 //! By given planes light comes to every point y in one way at most ([`crate::math::fermat`]), and all that it brings is smooth in the places of all ([`crate::transport::way_motion`]), but at y whose way
 //! goes by such a border (`cast_border`). These y form a *sheet*: rays from the points z of the border, which light comes to by the planes before it and leaves by those behind. A face that stands between counts as a plane
@@ -14,7 +14,7 @@
 //! Where two faces in turn share an edge, light passes both at one point of it: such a border is the first one's alone.
 
 use super::cast_border;
-use super::cast_sheet::{Sheet, around, count, of_light};
+use super::cast_sheet::{Met, Sheet, around, count, of_light};
 use super::cast_trace::Traces;
 use super::interfaces::{self, FACETS};
 use super::sheet::Partials;
@@ -34,6 +34,8 @@ use crate::sensor::Sensor;
 use crate::shape::{Geometry, Shape};
 use crate::transport::Tally;
 use crate::transport::motion::Moving;
+use crate::transport::velocity::Velocity;
+use crate::transport::way_motion::Slide;
 
 /// Faces of an opaque mesh at most.
 const OPAQUE: u32 = 4096;
@@ -62,7 +64,8 @@ impl Ended {
             moving.moves(shape) || moving.refracts(scene.shapes[shape as usize].surface as usize)
         };
         let own = |s: &Sheet| {
-            slots[s.light as usize].is_some() || moving.moves(s.border.own().0) || s.links.iter().any(turns)
+            let by_border = s.border.matter().is_none_or(|(shape, _)| moving.moves(shape));
+            slots[s.light as usize].is_some() || by_border || s.links.iter().any(turns)
         };
         let moves = sheets.iter().map(own).collect();
         Ended { sheets, slots, moves }
@@ -76,18 +79,53 @@ impl Ended {
         &self.sheets
     }
 
-    /// What the light's own motion adds to a sheet's.
-    pub fn by_light(&self, sheet: &Sheet, v: DVec3) -> Option<Partial> {
-        self.slots[sheet.light as usize].map(|slot| Partial { slot, v, len: 3 })
+    /// `<m, ẋ_k - ė>` as the point that the way leads to moves with `start`, if anything but lights does; `by_light`: what the light's own motion adds. `None` where that does not settle.
+    pub fn partials(
+        &self,
+        cx: &Context,
+        (sheet, met): (&Sheet, &Met),
+        (slide, by_light): (&Slide, DVec3),
+        start: Option<&Velocity>,
+    ) -> Option<Partials> {
+        let (scene, m, z) = (cx.scene, met.m, met.place.z);
+        let mut partials = Partials::default();
+        if let Some(start) = start {
+            let velocity = slide.velocity(cx.moving, start)?;
+            velocity.forms(scene, cx.sensor, m, |q| partials.push(q));
+            match sheet.border.matter() {
+                Some((shape, face)) => scene.matter(shape, face).forms(z, -m, |q| partials.push(q)),
+                None => scene.lights[sheet.light as usize].edge_forms(z, -m, |q| partials.push(q)),
+            }
+        }
+        let light = self.slots[sheet.light as usize].map(|slot| Partial { slot, v: by_light, len: 3 });
+        partials.extend(light);
+        Some(partials)
     }
 }
 
-/// Whether all of them are known where something moves: whatever casts shadows has straight borders or is opaque, and no border of a medium alone moves.
+/// Whether all of lights without extent are known where something moves: whatever casts shadows has straight borders or is opaque, and no border of a medium alone moves.
 pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
+    scene.lights.iter().any(Light::is_delta) && borders_are_known(scene, motion)
+}
+
+fn borders_are_known(scene: &Scene, motion: &Motion) -> bool {
     let chains = &scene.chains;
-    scene.lights.iter().any(Light::is_delta)
-        && !(chains.faces.is_empty() || chains.cut || chains.touching)
-        && unknown(scene, motion).next().is_none()
+    !(chains.faces.is_empty() || chains.cut || chains.touching) && unknown(scene, motion).next().is_none()
+}
+
+/// Whether something may stand in a beam, beside glass or mirrors, or these part it: [`super::hard_beam`] knows of no shadows.
+pub fn cut_beams(scene: &Scene) -> bool {
+    let is_opaque = |s: &Instance| {
+        let surface = &scene.surfaces[s.surface as usize];
+        !surface.is_null() && !surface.is_smooth()
+    };
+    let has_beam = scene.lights.iter().any(Light::is_beam);
+    has_beam && scene.has_smooth() && (scene.shapes.iter().any(is_opaque) || !scene.beams.parted.is_empty())
+}
+
+/// Whether the borders of such beams are told here.
+pub fn takes_beams(scene: &Scene, motion: &Motion) -> bool {
+    motion.surfaces() && cut_beams(scene) && borders_are_known(scene, motion)
 }
 
 /// Shapes whose borders are not known.
@@ -136,9 +174,11 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
             "leave a gap between them (a ten-thousandth of their size is enough), or let whole edges meet",
         ));
     }
-    let delta = (0..scene.lights.len() as u32).filter(|&id| scene.lights[id as usize].is_delta());
+    let beams = takes_beams(scene, motion);
+    let counts = |l: &Light| l.is_delta() || l.is_beam() && beams;
+    let lights = (0..scene.lights.len() as u32).filter(|&id| counts(&scene.lights[id as usize]));
     let borders = cast_border::borders(scene, &motion.rims);
-    let sheets: usize = delta.map(|id| count(scene, &borders, id)).sum();
+    let sheets: usize = lights.map(|id| count(scene, &borders, id)).sum();
     if sheets > SHEETS {
         let first = &scene.shapes[scene.chains.faces[0].shape as usize];
         let what = format!(
@@ -151,8 +191,14 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
 }
 
 impl Casts {
-    /// `None` where nothing casts such shadows.
-    pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64) -> Option<Casts> {
+    /// Of the lights that `counts` names; `None` where nothing casts such shadows.
+    pub fn prepare(
+        scene: &Scene,
+        sensor: &Sensor,
+        motion: &Motion,
+        margin: f64,
+        counts: impl Fn(&Light) -> bool,
+    ) -> Option<Casts> {
         if scene.chains.faces.is_empty() {
             return None;
         }
@@ -163,7 +209,7 @@ impl Casts {
         };
         let slots: Vec<Option<Slot>> = scene.lights.iter().zip(&motion.lights).map(slot).collect();
         let moves = |id: usize| motion.surfaces() || slots[id].is_some();
-        let lights = scene.lights.iter().enumerate().filter(|(id, l)| l.is_delta() && moves(*id));
+        let lights = scene.lights.iter().enumerate().filter(|(id, l)| counts(l) && moves(*id));
         let borders = cast_border::borders(scene, &motion.rims);
         let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, &borders, id as u32)).collect();
         sheets.sort_by(|a, b| b.asked.total_cmp(&a.asked));
@@ -204,7 +250,7 @@ impl Casts {
             let within = around(cx.scene, &walked.span);
             // One of 1/asked each.
             let mut next = chosen.uniform();
-            for sheet in &self.ended.sheets {
+            for sheet in self.ended.sheets.iter().filter(|s| !s.border.is_of_beam()) {
                 next += sheet.asked;
                 if next >= 1.0 {
                     next -= 1.0;
@@ -254,17 +300,11 @@ impl Casts {
                 tally.nonfinite += u64::from(!flux.is_finite());
                 continue;
             }
-            let mut partials = Partials::default();
-            if cx.moving.any() {
-                let Some(velocity) = slide.velocity(cx.moving, &moves(&walked.whole, p)) else {
-                    tally.unsettled += 1;
-                    continue;
-                };
-                velocity.forms(scene, cx.sensor, m, |q| partials.push(q));
-                let (shape, face) = sheet.border.own();
-                scene.matter(shape, face).forms(met.place.z, -m, |q| partials.push(q));
-            }
-            partials.extend(self.ended.by_light(sheet, by_light));
+            let start = cx.moving.any().then(|| moves(&walked.whole, p));
+            let Some(partials) = self.ended.partials(cx, (sheet, &met), (&slide, by_light), start.as_ref()) else {
+                tally.unsettled += 1;
+                continue;
+            };
             emit(flux, &partials);
         }
     }

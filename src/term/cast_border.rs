@@ -1,4 +1,4 @@
-//! What casts shadows of lights without extent by way of flat faces ([`super::cast`]): edges of what is smooth or opaque, and of what is opaque rims and the outlines of balls and walls (cylinders).
+//! What casts shadows of lights without extent by way of flat faces ([`super::cast`]): edges of what is smooth or opaque, and of what is opaque rims and the outlines of balls and walls (cylinders). Of a hard-edged beam its own edge, a circle, is such a border, too.
 //!
 //! An outline is where light touches the surface, `<w(z), N(z)> = 0` with w the light's direction at z: one place on each meridian of a ball, counted from where light meets it first, and two at each height of a wall. Its sheet has
 //! the surface's normal there, so that f = <x_k - e, N> tells it as it tells that of an edge (an edge's own plane is across the edge, an outline's across the light), and e moves with the surface's matter.
@@ -29,7 +29,7 @@ pub const BESIDE: f64 = 1e-5;
 #[derive(Clone, Debug)]
 pub struct Border {
     pub line: Line,
-    /// Shape and face, of a cylinder the rim: its matter goes with the first.
+    /// Shape and face, of a cylinder the rim: its matter goes with the first. None of a beam.
     pub faces: SmallVec<[(u32, u32); 2]>,
     /// Directions into its faces, of an edge.
     pub into: SmallVec<[DVec3; 2]>,
@@ -76,7 +76,23 @@ impl Border {
         Border { line, faces: faces.into_iter().collect(), into: SmallVec::new() }
     }
 
-    /// The face whose matter it goes with.
+    /// The edge of a beam: a circle around its axis, which belongs to nothing.
+    pub fn of_beam(position: DVec3, direction: DVec3, radius: f64) -> Border {
+        let (x, y) = warp::frame(direction);
+        Border::round(Line::Rim { c: position, x: x * radius, y: y * radius }, [])
+    }
+
+    /// Whether it is the edge of a beam.
+    pub fn is_of_beam(&self) -> bool {
+        self.faces.is_empty()
+    }
+
+    /// The face whose matter it goes with, if it is not a beam's.
+    pub fn matter(&self) -> Option<(u32, u32)> {
+        self.faces.first().copied()
+    }
+
+    /// The face whose matter it goes with: not of a beam's.
     pub fn own(&self) -> (u32, u32) {
         self.faces[0]
     }

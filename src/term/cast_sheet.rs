@@ -6,12 +6,12 @@
 use super::cast_border::{BESIDE, Border, Place, borders_of, edges, is_same};
 use super::ends;
 use super::shown::window;
-use crate::light::Origin;
+use crate::light::{LightKind, Origin};
 use crate::math::fermat;
 use crate::math::fold::Fold;
-use crate::math::root::{dip, root};
+use crate::math::root::{dip, positive, root};
 use crate::math::{DVec3, Rgb};
-use crate::scene::beams::Step;
+use crate::scene::beams::{FAINT, Step};
 use crate::scene::bodies::Set;
 use crate::scene::chains::{Face, Link, MOST};
 use crate::scene::{Hit, On, Scene};
@@ -27,6 +27,8 @@ use std::collections::HashMap;
 const PIECES: usize = 16;
 /// Those of a rim or ball.
 const AROUND: usize = 48;
+/// Pieces at least of what lies within a beam.
+const STRAIGHT: usize = 4;
 /// Further ones are halved so often toward where the light is nearest: near to glass little of it may be let in.
 const HALVED: i32 = 12;
 /// Halvings that find where rays of a sheet end.
@@ -106,7 +108,16 @@ fn ways(scene: &Scene, id: u32) -> (Vec<Way>, Set) {
     let (light, bodies) = (&scene.lights[id as usize], &scene.bodies);
     let Some(from) = light.origin() else { return (Vec::new(), 0) };
     let faces = &scene.chains.faces;
-    let begins = light.center().map_or(0, |q| bodies.holding(q));
+    let begins = light.stands().map_or(0, |q| bodies.holding(q));
+    if let LightKind::Beam { .. } = light.kind {
+        let link = |s: &Step| {
+            let face = (0..).zip(faces.iter()).find(|(_, f)| (f.shape, f.face) == (s.shape, s.face))?.0;
+            Some(Link { face, front: s.before.dot(s.n) < 0.0, through: s.through })
+        };
+        let own = scene.beams.ways.iter().filter(|w| w.light == id);
+        let ways = own.filter_map(|w| Some((w.steps.iter().map(link).collect::<Option<_>>()?, w.asked())));
+        return (ways.collect(), begins);
+    }
     // Facets of meshes are in the list by themselves.
     let is_met =
         |f: &Face| bodies.may_meet(f.shape, Some(begins)) && bodies.may_meet_from(f, f.is_before(from), begins);
@@ -162,6 +173,9 @@ pub fn of_light(scene: &Scene, borders: &[Border], id: u32) -> Vec<Sheet> {
             for b in borders.iter().filter(stands) {
                 add(at, true, b.clone());
             }
+        }
+        if let LightKind::Beam { position, direction, radius, gaussian: false } = scene.lights[id as usize].kind {
+            add(0, true, Border::of_beam(position, direction, radius));
         }
         sheets
     };
@@ -311,8 +325,42 @@ impl Sheet {
         Some((ray, margins))
     }
 
-    /// Places of the border between which rays are looked for.
-    fn places(&self, scene: &Scene) -> Vec<f64> {
+    /// Places of the border between which rays are looked for, on each stretch that light may come to.
+    fn places(&self, scene: &Scene) -> Vec<Vec<f64>> {
+        match scene.lights[self.light as usize].kind {
+            LightKind::Beam { position, direction, radius, gaussian } if !self.border.is_of_beam() => {
+                let reach = radius * if gaussian { FAINT } else { 1.0 };
+                self.places_in_beam(scene, (position, direction), reach)
+            }
+            _ => vec![self.places_of_all(scene)],
+        }
+    }
+
+    /// Those within a beam of this radius. Its rays by a straight border lie in a plane.
+    fn places_in_beam(&self, scene: &Scene, (position, direction): (DVec3, DVec3), radius: f64) -> Vec<Vec<f64>> {
+        let mut w = direction;
+        let mut planes: SmallVec<[(Fold, DVec3); MOST]> = SmallVec::new();
+        for link in &self.links[..self.at] {
+            let f = scene.chains.fold(scene, link);
+            let Some(behind) = f.behind(w) else { return Vec::new() };
+            planes.push((f, behind));
+            w = behind;
+        }
+        let within = |s: f64| {
+            let Some(Place { z, .. }) = self.place(scene, s, &mut 0) else { return -radius * radius };
+            let back = |p: DVec3, (f, w): &(Fold, DVec3)| p - *w * ((p - f.p).dot(f.n) / w.dot(f.n));
+            let m = planes.iter().rev().fold(z, back) - position;
+            radius * radius - (m - direction * m.dot(direction)).length_squared()
+        };
+        let is_closed = self.border.is_closed();
+        let on = |[a, b]: [f64; 2]| {
+            let count = if is_closed { (AROUND as f64 * (b - a)).ceil() as usize } else { 0 }.max(STRAIGHT);
+            (0..=count).map(|k| a + (b - a) * k as f64 / count as f64).collect()
+        };
+        positive(within, is_closed).into_iter().map(on).collect()
+    }
+
+    fn places_of_all(&self, scene: &Scene) -> Vec<f64> {
         let count = if self.border.is_closed() { AROUND } else { PIECES };
         let mut places: Vec<f64> = (0..=count).map(|k| k as f64 / count as f64).collect();
         let light = scene.lights[self.light as usize].center().filter(|_| self.at == 0);
@@ -335,9 +383,12 @@ impl Sheet {
     }
 
     fn trace(&self, scene: &Scene) -> Vec<Vec<(f64, Ray)>> {
+        self.places(scene).into_iter().flat_map(|places| self.trace_on(scene, &places)).collect()
+    }
+
+    fn trace_on(&self, scene: &Scene, places: &[f64]) -> Vec<Vec<(f64, Ray)>> {
         let mut pieces = Vec::new();
-        let known: Vec<(f64, Option<(Ray, Margins)>)> =
-            self.places(scene).into_iter().map(|s| (s, self.known(scene, s))).collect();
+        let known: Vec<(f64, Option<(Ray, Margins)>)> = places.iter().map(|&s| (s, self.known(scene, s))).collect();
         // Faces in turn that share the border are met on it.
         let slack = NONE * scene.bounds.radius();
         let mut piece: Vec<(f64, Ray)> = Vec::new();
@@ -434,7 +485,8 @@ impl Sheet {
         let (mut steps, mut idle) = (SmallVec::from_vec(before), None);
         let m = if self.between {
             let n = (comes - along * comes.dot(along)).try_normalize()?;
-            let (shape, face) = self.border.own();
+            // What stands there does not matter.
+            let (shape, face) = self.border.matter().unwrap_or_default();
             idle = Some(steps.len());
             steps.push(Step { shape, face, p: z, n, before: comes, behind: comes, through: true });
             n.cross(along)
@@ -453,7 +505,10 @@ impl Sheet {
         let mut found = || {
             let (way, points) =
                 chain::way(scene, &scene.chains, (self.light, &self.links), self.from(scene)?, y, unsettled)?;
-            let emission = light.emission_toward(points.last().copied().unwrap_or(y))?;
+            let entry = points.last().copied().unwrap_or(y);
+            // Within a beam borders end at its own, which has its own sheet.
+            let own = self.border.is_of_beam();
+            let emission = if own { light.emission_toward(entry) } else { light.emission_beside(entry) }?;
             let clear = beam::clear(scene, &way, &points, (y, on, medium), &mut |_| {})?;
             Some(emission.color() * clear * way.gain)
         };

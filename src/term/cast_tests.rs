@@ -8,6 +8,8 @@ use crate::scene::compile::LoadOptions;
 const LAMP: &str = r#"<emitter type="point"><point name="position" value="0.45, -0.4, 2.4"/></emitter>"#;
 const SUN: &str = r#"<emitter type="directional"><vector name="direction" value="0.3, 0.25, -1"/></emitter>"#;
 
+const BEAM: &str = r#"<emitter type="collimated"><transform name="to_world"><lookat origin="-0.5, -0.4, 2.4" target="0.1, 0, 0" up="0, 1, 0"/></transform><float name="radius" value="0.5"/><string name="profile" value="hard"/></emitter>"#;
+
 /// A prism in haze.
 fn prism(light: &str) -> Scene {
     let dir = tempfile::tempdir().unwrap();
@@ -73,6 +75,7 @@ fn light_jumps_at_sheets_alone() {
     for (light, scene) in [LAMP, SUN]
         .into_iter()
         .flat_map(|l| [(l, blocks(l)), (l, prism(l)), (l, nested(l)), (l, balls(l)), (l, rims_and_walls(l))])
+        .chain([blocks, nested, balls, rims_and_walls].map(|scene| (BEAM, scene(BEAM))))
     {
         let bodies = &scene.bodies;
         let (all, begins) = ways(&scene, 0);

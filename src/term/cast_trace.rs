@@ -139,19 +139,11 @@ impl Spot<'_> {
 
     /// `<m, ẋ_k - ė>`, the point moving so.
     fn partials(&self, cx: &mut Context, ended: &Ended, jump: &Jump, velocity: &Velocity) -> Option<Partials> {
-        let (scene, m) = (cx.scene, jump.met.m);
-        let mut partials = Partials::default();
-        if cx.moving.any() {
-            let Some(slid) = self.slide(scene, &jump.met).and_then(|s| s.velocity(cx.moving, velocity)) else {
-                cx.tally.unsettled += 1;
-                return None;
-            };
-            slid.forms(scene, cx.sensor, m, |q| partials.push(q));
-            let (shape, face) = self.sheet.border.own();
-            scene.matter(shape, face).forms(jump.met.place.z, -m, |q| partials.push(q));
-        }
-        partials.extend(ended.by_light(self.sheet, jump.by_light));
-        Some(partials)
+        let start = cx.moving.any().then_some(velocity);
+        let of_slide = |slide: Slide| ended.partials(cx, (self.sheet, &jump.met), (&slide, jump.by_light), start);
+        let found = self.slide(cx.scene, &jump.met).and_then(of_slide);
+        cx.tally.unsettled += u64::from(found.is_none());
+        found
     }
 }
 

@@ -1,5 +1,5 @@
 //! Where the light of collimated beams ends moves: the hard edge of a beam, term H of [T] section 3, straight and behind flat mirrors and interfaces ([T] 5.3, 6.3), and, behind them, the
-//! edges of a block's faces, at which one way ends and others go on.
+//! edges of a block's faces, at which one way ends and others go on (where something else may cut the beam all borders but its own are [`super::cast`]'s).
 //!
 //! A path's medium span crosses the edge where the line that reaches it by a way of the beam comes from the distance R of the axis. Points of the span move with ẋ, so that
 //! the lit part grows there by `-(ρ̇ - Ṙ)/|∂ρ/∂t|`, times what light just within the edge brings; at a face's edge by `<m, ẋ_j - ė>/|∂g/∂t|`, g being how far within the face the
@@ -8,7 +8,7 @@
 use super::beam_rim::{self, RimRecord};
 use super::sheet::Partials;
 use super::spans::{self, Walked};
-use super::{Context, Motion, Sample};
+use super::{Context, Motion, Sample, cast};
 use crate::light::LightKind;
 use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb};
@@ -61,10 +61,12 @@ impl HardBeams {
         if !motion.surfaces() {
             return None;
         }
+        let cast = cast::takes_beams(scene, motion);
         let end = |k: u32| {
             let way = &scene.beams.ways[k as usize];
             let kind = &scene.lights[way.light as usize].kind;
-            End { way: k, round: matches!(kind, LightKind::Beam { gaussian: false, .. }), borders: borders(scene, way) }
+            let borders = if cast { Vec::new() } else { borders(scene, way) };
+            End { way: k, round: matches!(kind, LightKind::Beam { gaussian: false, .. }), borders }
         };
         let all = (0..scene.beams.ways.len() as u32).map(end);
         let ways: Vec<End> = all.filter(|e| e.round || !e.borders.is_empty()).collect();

@@ -287,7 +287,7 @@ fn outlines(scene: &Scene, motion: &Motion) -> Result<()> {
     Ok(())
 }
 
-/// Where beams are and anything moves: nothing may cut them beside glass and mirrors, nor where they begin.
+/// Where beams are and anything moves: what cuts them beside glass and mirrors has to be known, and nothing may cut them where they begin.
 fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
     let beam = scene.lights.iter().find(|l| matches!(l.kind, LightKind::Beam { .. }));
     let Some(beam) = beam.filter(|_| motion.surfaces()) else { return Ok(()) };
@@ -296,24 +296,24 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
         smooth && !is_flat(&s.shape) || scene.is_round_mirror(s)
     };
     let smooth = scene.has_smooth();
-    if let Some(s) = scene.shapes.iter().filter(|_| smooth).find(|s| is_outlined(scene, s) || curved(s)) {
+    if let Some(s) = scene.shapes.iter().filter(|_| smooth).find(|s| curved(s)) {
         let what = format!(
-            "`{}` may stand in the beam `{}`, beside glass or mirrors: how its shadow there moves cannot be told yet",
+            "`{}`, which mirrors or refracts and is not flat, may stand in the beam `{}`: how its light moves there cannot be told yet",
             s.name, beam.name
         );
-        return Err(Error::scene(&s.span, what, "take it, or the glass and mirrors, out; or use a directional light"));
+        return Err(Error::scene(
+            &s.span,
+            what,
+            "make it a cube or a rectangle, take it out, or use a directional light",
+        ));
     }
-    for (i, l) in scene.lights.iter().enumerate() {
+    if cast::takes_beams(scene, motion) {
+        cast::check(scene, motion)?;
+    } else if cast::cut_beams(scene) {
+        return Err(cut(scene, motion, beam));
+    }
+    for l in &scene.lights {
         let LightKind::Beam { position, direction, .. } = l.kind else { continue };
-        if let Some(&(_, shape)) = scene.beams.parted.iter().find(|p| p.0 == i as u32) {
-            let s = &scene.shapes[shape as usize];
-            let what = format!(
-                "the beam `{}` falls over the border of `{}`, which mirrors or refracts: how that moves cannot be told yet",
-                l.name, s.name
-            );
-            let remedy = "make that larger, or the beam narrower; a Gaussian beam has six radii, and its way goes on by all faces";
-            return Err(Error::scene(&s.span, what, remedy));
-        }
         if smooth && scene.medium_past(position, direction, &[], &scene.around(scene.sensors.first())).is_some() {
             let what = format!(
                 "the beam `{}` begins inside a medium, beside glass or mirrors, and something moves: this cannot be differentiated yet",
@@ -322,8 +322,37 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
             return Err(Error::usage(what, "let it begin outside"));
         }
     }
-    if smooth {
+    if smooth && !cast::cut_beams(scene) {
         return Ok(());
     }
     (0..).zip(&scene.lights).filter_map(|(id, l)| BeamStart::new(id, l)).try_for_each(|b| b.check(scene))
+}
+
+/// Why what cuts a beam is not known.
+fn cut(scene: &Scene, motion: &Motion, beam: &Light) -> Error {
+    let flat = "use of glass only cubes, of metal rectangles too, and of all else anything but meshes with vertex normals or more than 4096 faces; or use a directional light";
+    if let Some(&(_, shape)) = scene.beams.parted.first() {
+        let s = &scene.shapes[shape as usize];
+        let what = format!(
+            "the beam `{}` falls over the border of `{}`, which mirrors or refracts: how that moves cannot be told yet",
+            beam.name, s.name
+        );
+        return Error::scene(&s.span, what, format!("make that larger, or the beam narrower; or {flat}"));
+    }
+    match cast::unknown(scene, motion).next() {
+        Some(s) => {
+            let what = format!(
+                "something opaque may stand in the beam `{}`, and `{}` beside it: where the beam's light ends there cannot be told yet",
+                beam.name, s.name
+            );
+            Error::scene(&s.span, what, flat)
+        }
+        None => Error::usage(
+            format!(
+                "the beam `{}` ends at too many faces, or at faces that touch: this cannot be differentiated yet",
+                beam.name
+            ),
+            flat,
+        ),
+    }
 }

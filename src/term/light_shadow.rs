@@ -7,13 +7,14 @@
 //!
 //! Two more kinds of edges of such light are parts of this room: those of glass and mirrors ([`super::cast`]), and those that rough glass makes by itself ([`super::facet_edge`]).
 
-use super::cast::Casts;
+use super::cast::{self, Casts};
 use super::ends::{self, Point, Watch};
 use super::facet_edge::FacetEdges;
 use super::outline::Outlines;
 use super::sheet::{Grazed, Partials, Ray, Reach};
 use super::sheet_samples::{self, Found};
 use super::{Context, Motion, Room, Sample, panes};
+use crate::light::Light;
 use crate::math::discrete::Discrete;
 use crate::math::guide::{DIMENSIONS, Numbers};
 use crate::math::rng::Rng;
@@ -49,8 +50,10 @@ impl LightShadow {
     /// Silhouettes from every light whose shadows may move over something; `None` if there are none.
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64) -> Option<LightShadow> {
         let smooth = scene.has_smooth();
-        let casts = (smooth && !panes::are_clear(scene, sensor, margin, motion))
-            .then(|| Casts::prepare(scene, sensor, motion, margin));
+        let beams = cast::takes_beams(scene, motion);
+        let delta = smooth && !panes::are_clear(scene, sensor, margin, motion);
+        let counts = |l: &Light| l.is_delta() && delta || l.is_beam() && beams;
+        let casts = (delta || beams).then(|| Casts::prepare(scene, sensor, motion, margin, counts));
         let mut lights = Vec::new();
         for (i, (l, m)) in scene.lights.iter().zip(&motion.lights).enumerate() {
             if l.origin().is_none() || smooth {

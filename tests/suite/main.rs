@@ -15,6 +15,7 @@ mod check;
 mod chunks;
 mod cli;
 mod converge;
+mod cut_beams;
 mod cuts;
 mod cylinder;
 mod dense_fog;

@@ -32,6 +32,7 @@ const NO: Facts = Facts {
     only_panes: false,
     opaque_rectangles: false,
     known_borders: false,
+    flat_smooth: false,
     polygonal_dielectric: false,
     rims: false,
     dark_behind: false,
