@@ -106,13 +106,18 @@ pub fn cause(p: &Parts<f64>, term: Term, m: &Motion) -> Option<Cause> {
     }
     match term {
         Term::C => {
-            // What stands in a beam is the reason that comes first (`plan::needed`).
+            // What a beam ends at is the reason that comes first (`plan::needed`).
             let has_beam = p.lights.iter().any(|l| matches!(l.kind, LightKindPart::Beam { .. }))
-                && p.shapes.iter().any(|s| is_smooth(p, s.surface));
-            let cuts = p.shapes.iter().find(|s| has_beam && is_outlined(p, s.surface));
-            match cuts {
+                && p.shapes.iter().any(|s| is_outlined(p, s.surface));
+            let flat = |s: &ShapePart<f64>| matches!(s.kind, ShapeKind::Rectangle | ShapeKind::Disk | ShapeKind::Cube);
+            let curved = p.shapes.iter().find(|s| is_smooth(p, s.surface) && !flat(s));
+            let cuts = curved.or_else(|| {
+                let solid = |s: &&ShapePart<f64>| !matches!(p.surfaces[s.surface], SurfacePart::Null);
+                p.shapes.iter().filter(solid).find(|s| !has_known_borders(p, s))
+            });
+            match cuts.filter(|_| has_beam && p.shapes.iter().any(|s| is_smooth(p, s.surface))) {
                 Some(s) => {
-                    let remedy = "take it, or the glass and mirrors, out of the scene; or use a directional light in place of the beam";
+                    let remedy = "in a beam, beside what is opaque, use of glass only cubes, and of metal rectangles too; or use a directional light";
                     Some(Cause::of_shape(s, remedy))
                 }
                 None => unlit(

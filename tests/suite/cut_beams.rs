@@ -107,9 +107,9 @@ fn room(fog: bool, profile: &str) -> String {
         ("x", 0.05),
         ("bx", 0.0),
         ("turn", 0.0),
-        ("r", 0.3),
+        ("r", 0.2),
         ("cam", 0.5),
-        ("size", 0.25),
+        ("size", 0.15),
     ];
     let defaults: String = names.map(|(k, v)| format!(r#"<default name="{k}" value="{v}"/>"#)).concat();
     format!(
@@ -139,7 +139,9 @@ fn a_mirror_and_a_block_against_differences() {
         ("size", 0.02),
     ];
     against_differences(&room(false, "hard"), &what, &["all"], 1 << 14, 0.02);
-    against_differences(&room(false, "gaussian"), &what[..6], &["all"], 1 << 13, 0.02);
+    // Differences by the height meet what moves past the pixel's border too seldom.
+    let smooth = [("n", 0.05), ("tilt", 1.0), ("x", 0.03), ("bx", 0.03), ("r", 0.02)];
+    against_differences(&room(false, "gaussian"), &smooth, &["all"], 1 << 13, 0.02);
 }
 
 #[test]

@@ -207,6 +207,13 @@ fn scenes_give_their_rows() {
             format!(
                 r#"{CAMERA}{WALL}<shape type="cube"><bsdf type="dielectric"/></shape><emitter type="collimated"><float name="radius" value="$x"/></emitter>"#
             ),
+            "M R H",
+            "",
+        ),
+        (
+            format!(
+                r#"{CAMERA}{WALL}<shape type="sphere"><bsdf type="dielectric"/></shape><emitter type="collimated"><float name="radius" value="$x"/></emitter>"#
+            ),
             "M H C",
             "C",
         ),
