@@ -244,16 +244,6 @@ impl Light {
         }
     }
 
-    /// What a light with an origin sends along the line by a point: of a hard-edged beam what it sends within its edge, wherever the line is.
-    pub fn emission_beside(&self, p: DVec3) -> Option<Emission> {
-        match self.kind {
-            LightKind::Beam { position, direction, gaussian: false, .. } => {
-                ((p - position).dot(direction) >= 0.0).then(|| self.emission(Rgb::ONE))
-            }
-            _ => self.emission_toward(p),
-        }
-    }
-
     /// What a point p of a beam's edge asks of the beam as that moves: `<v, ṗ + Ṙ r>`, r being the unit vector from the axis to it; at its plane, where it does not turn.
     pub fn edge_forms(&self, p: DVec3, v: DVec3, mut add: impl FnMut(Partial)) {
         let LightKind::Beam { position, direction, .. } = self.kind else { return };

@@ -229,16 +229,15 @@ impl Search<'_> {
             return;
         }
         let steps = way.steps.len();
-        if steps < self.depth {
+        if steps <= self.depth {
             for (id, s) in self.scene.shapes.iter().enumerate() {
                 let surface = &self.scene.surfaces[s.surface as usize];
                 if surface.is_smooth() && is_flat(&s.shape) {
                     (0..s.shape.face_count()).for_each(|f| self.at(&way, id as u32, f, surface, polygon, inside));
                 }
             }
-        } else {
-            self.long |= steps == STEPS;
         }
+        self.long |= steps == self.depth && steps == STEPS;
         self.found.push(way);
     }
 
@@ -277,6 +276,10 @@ impl Search<'_> {
         let cut = corners.is_empty() || area(&left) < area(polygon) * (1.0 - 1e-9);
         if cut && (!closed || came < 0.0) {
             self.parted = self.parted.or(Some(shape));
+        }
+        // Where it goes on from there does not count any more, but what it leaves in shadow does.
+        if way.steps.len() >= self.depth {
+            return;
         }
         for (ray, gain) in outgoing(surface, n, way.w) {
             let gain = way.gain * gain;

@@ -210,8 +210,13 @@ impl Casts {
         let slots: Vec<Option<Slot>> = scene.lights.iter().zip(&motion.lights).map(slot).collect();
         let moves = |id: usize| motion.surfaces() || slots[id].is_some();
         let lights = scene.lights.iter().enumerate().filter(|(id, l)| counts(l) && moves(*id));
+        let lights: Vec<(usize, &Light)> = lights.collect();
+        if lights.is_empty() {
+            return None;
+        }
         let borders = cast_border::borders(scene, &motion.rims);
-        let mut sheets: Vec<Sheet> = lights.flat_map(|(id, _)| of_light(scene, &borders, id as u32)).collect();
+        let mut sheets: Vec<Sheet> =
+            lights.into_iter().flat_map(|(id, _)| of_light(scene, &borders, id as u32)).collect();
         sheets.sort_by(|a, b| b.asked.total_cmp(&a.asked));
         let ended = Ended::new(scene, &motion.moving, sheets, slots);
         let traces = Traces::prepare(scene, sensor, margin, &ended);
@@ -292,7 +297,7 @@ impl Casts {
             let slope = by_end.dot(span.w);
             let off = by_end * (sheet.border.aside(scene) / by_end.length_squared());
             let at = |y: DVec3| (y, On::default(), Some(span.medium));
-            let sides = [p + off, p - off].map(|y| sheet.arrives(scene, at(y), &mut tally.unsettled));
+            let sides = [p + off, p - off].map(|y| sheet.arrives(scene, met.first, at(y), &mut tally.unsettled));
             let medium = &scene.media[span.medium as usize];
             let f = medium.phase.eval(one_minus_cos(span.w, -met.w)) / (sheet.asked * slope.abs());
             let flux = (walked.weight)(t) * medium.coefficients(p).1 * (sides[0] - sides[1]) * f;

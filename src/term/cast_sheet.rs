@@ -28,7 +28,7 @@ const PIECES: usize = 16;
 /// Those of a rim or ball.
 const AROUND: usize = 48;
 /// Pieces at least of what lies within a beam.
-const STRAIGHT: usize = 4;
+const STRAIGHT: usize = 16;
 /// Further ones are halved so often toward where the light is nearest: near to glass little of it may be let in.
 const HALVED: i32 = 12;
 /// Halvings that find where rays of a sheet end.
@@ -82,7 +82,7 @@ pub struct Met {
     steps: SmallVec<[Step; MOST]>,
     idle: Option<usize>,
     /// Where light meets the first of them.
-    first: DVec3,
+    pub first: DVec3,
     /// On the border.
     pub place: Place,
     /// Across the border.
@@ -499,16 +499,22 @@ impl Sheet {
         Some(Met { from: self.from(scene)?, steps, idle, first, place, m, w: ray.w })
     }
 
-    /// Irradiance across its direction that the light brings to y, whose faces and medium are given, by the faces; none where it does not come. Searches that do not settle are counted.
-    pub fn arrives(&self, scene: &Scene, (y, on, medium): (DVec3, On, Option<u32>), unsettled: &mut u64) -> Rgb {
+    /// Irradiance across its direction that the light brings to y, whose faces and medium are given, by the faces; none where it does not come. `first`: where light by the border meets the first of them. Searches that do not settle are counted.
+    pub fn arrives(
+        &self,
+        scene: &Scene,
+        first: DVec3,
+        (y, on, medium): (DVec3, On, Option<u32>),
+        unsettled: &mut u64,
+    ) -> Rgb {
         let light = &scene.lights[self.light as usize];
         let mut found = || {
             let (way, points) =
                 chain::way(scene, &scene.chains, (self.light, &self.links), self.from(scene)?, y, unsettled)?;
-            let entry = points.last().copied().unwrap_or(y);
-            // Within a beam borders end at its own, which has its own sheet.
-            let own = self.border.is_of_beam();
-            let emission = if own { light.emission_toward(entry) } else { light.emission_beside(entry) }?;
+            // A beam may be narrow: what it sends by the border itself counts on either side, but at its own edge.
+            let at_border = light.is_beam() && !self.border.is_of_beam();
+            let entry = if at_border { first } else { points.last().copied().unwrap_or(y) };
+            let emission = light.emission_toward(entry)?;
             let clear = beam::clear(scene, &way, &points, (y, on, medium), &mut |_| {})?;
             Some(emission.color() * clear * way.gain)
         };

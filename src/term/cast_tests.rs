@@ -102,6 +102,7 @@ fn light_jumps_at_sheets_alone() {
                 let (links, asked, pieces) = (links.clone(), *asked, Vec::new());
                 Sheet { light: 0, links, asked, at: 0, between: false, border, within, pieces }.arrives(
                     &scene,
+                    y,
                     (y, On::default(), Some(0)),
                     &mut 0,
                 )[1]

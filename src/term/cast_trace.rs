@@ -127,7 +127,7 @@ impl Spot<'_> {
             * (sheet.border.aside(scene) / slope.length()).min(FARTHEST * scene.bounds.radius());
         let [more, less] = [off, -off].map(|off| {
             let h = scene.hit_at(self.hit.p + off, self.hit.shape, self.hit.face);
-            sheet.arrives(scene, (h.p, On::at(&h), self.medium), &mut tally.unsettled)
+            sheet.arrives(scene, met.first, (h.p, On::at(&h), self.medium), &mut tally.unsettled)
         });
         // Both gradients are across w.
         let measure =

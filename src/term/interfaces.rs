@@ -10,6 +10,7 @@ use super::{Motion, cast, contact, ends, panes};
 use crate::error::{Error, Result};
 use crate::light::{Light, LightKind};
 use crate::math::nearest::between_triangles;
+use crate::math::{DVec3, warp};
 use crate::scene::beams::is_flat;
 use crate::scene::chains::has_flat_faces;
 use crate::scene::nearest::Kind;
@@ -19,9 +20,12 @@ use crate::shape::triangles::triangles;
 use crate::shape::{Geometry, Shape};
 use rayon::prelude::*;
 use std::cell::OnceCell;
+use std::f64::consts::TAU;
 
 /// Faces of a smooth mesh at most: every chain of them has to be found by chance.
 pub(super) const FACETS: u32 = 512;
+/// Places of the rim at which a beam begins that are asked for their medium.
+const RIM: usize = 16;
 /// Where an edge is looked at for what it touches.
 const PLACES: [f64; 5] = [0.02, 0.27, 0.5, 0.73, 0.98];
 
@@ -313,8 +317,12 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
         return Err(cut(scene, motion, beam));
     }
     for l in &scene.lights {
-        let LightKind::Beam { position, direction, .. } = l.kind else { continue };
-        if smooth && scene.medium_past(position, direction, &[], &scene.around(scene.sensors.first())).is_some() {
+        let LightKind::Beam { position, direction, radius, .. } = l.kind else { continue };
+        let (x, y) = warp::frame(direction);
+        let around = scene.around(scene.sensors.first());
+        let rim = (0..RIM).map(|k| (TAU * k as f64 / RIM as f64).sin_cos()).map(|(s, c)| (x * c + y * s) * radius);
+        let mut disk = std::iter::once(DVec3::ZERO).chain(rim).map(|m| position + m);
+        if smooth && disk.any(|p| scene.medium_past(p, direction, &[], &around).is_some()) {
             let what = format!(
                 "the beam `{}` begins inside a medium, beside glass or mirrors, and something moves: this cannot be differentiated yet",
                 l.name
@@ -322,17 +330,14 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
             return Err(Error::usage(what, "let it begin outside"));
         }
     }
-    if smooth && !cast::cut_beams(scene) {
-        return Ok(());
-    }
     (0..).zip(&scene.lights).filter_map(|(id, l)| BeamStart::new(id, l)).try_for_each(|b| b.check(scene))
 }
 
 /// Why what cuts a beam is not known.
 fn cut(scene: &Scene, motion: &Motion, beam: &Light) -> Error {
     let flat = "use of glass only cubes, of metal rectangles too, and of all else anything but meshes with vertex normals or more than 4096 faces; or use a directional light";
-    if let Some(&(_, shape)) = scene.beams.parted.first() {
-        let s = &scene.shapes[shape as usize];
+    if let Some(&(light, shape)) = scene.beams.parted.first() {
+        let (s, beam) = (&scene.shapes[shape as usize], &scene.lights[light as usize]);
         let what = format!(
             "the beam `{}` falls over the border of `{}`, which mirrors or refracts: how that moves cannot be told yet",
             beam.name, s.name

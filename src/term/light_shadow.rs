@@ -51,7 +51,8 @@ impl LightShadow {
     pub fn prepare(scene: &Scene, sensor: &Sensor, motion: &Motion, margin: f64) -> Option<LightShadow> {
         let smooth = scene.has_smooth();
         let beams = cast::takes_beams(scene, motion);
-        let delta = smooth && !panes::are_clear(scene, sensor, margin, motion);
+        let has_delta = scene.lights.iter().any(Light::is_delta);
+        let delta = smooth && has_delta && !panes::are_clear(scene, sensor, margin, motion);
         let counts = |l: &Light| l.is_delta() && delta || l.is_beam() && beams;
         let casts = (delta || beams).then(|| Casts::prepare(scene, sensor, motion, margin, counts));
         let mut lights = Vec::new();
