@@ -91,6 +91,18 @@ fn a_shadow_through_a_block() {
     check("the index", &red(&text, "n", "all", 1 << 13), unit * slope(lit, 1.5), 0.02);
 }
 
+/// Past an edge at s from its axis a Gaussian beam, narrow in its scene, loses `∫ e^(-2 (s² + t²)/r²) dt = r √(π/2) e^(-2 s²/r²)`.
+#[test]
+fn a_shadow_in_a_narrow_gaussian_beam() {
+    let (r, s) = (0.002f64, 0.001f64);
+    let text = through_a_block(&half_plane(3.6, 4.8, false)).replace(r#"value="hard""#, r#"value="gaussian""#);
+    let text = text.replace(r#"name="r" value="0.2""#, &format!(r#"name="r" value="{r}""#));
+    let text = text.replace(r#"name="s" value="0.05""#, &format!(r#"name="s" value="{s}""#));
+    let unit = 0.6 * 10.0 / (PI * 4.0);
+    let left = r * (0.5 * PI).sqrt() * (-2.0 * s * s / (r * r)).exp();
+    check("a half-plane's place", &red(&text, "s", "all", 1 << 13), -unit * block(1.5)[0] * left, 0.01);
+}
+
 /// A mirror that is smaller than the beam, a block, and a ball before both, over a floor, in fog or none.
 fn room(fog: bool, profile: &str) -> String {
     let (medium, around) = match fog {
