@@ -244,7 +244,7 @@ impl Light {
         }
     }
 
-    /// What a point p of a beam's edge asks of the beam as that moves: `<v, ṗ + Ṙ r>`, r being the unit vector from the axis to it; at its plane, where it does not turn.
+    /// What a point p of a beam's edge, in the plane where it begins, asks of the beam as that moves (term H of [T] section 3): `<v, ṗ + Ṙ r>`, r being the unit vector from the axis to it. How the beam turns is the ray's.
     pub fn edge_forms(&self, p: DVec3, v: DVec3, mut add: impl FnMut(Partial)) {
         let LightKind::Beam { position, direction, .. } = self.kind else { return };
         let m = p - position;

@@ -228,16 +228,13 @@ impl Search<'_> {
             self.crowded = true;
             return;
         }
-        let steps = way.steps.len();
-        if steps <= self.depth {
-            for (id, s) in self.scene.shapes.iter().enumerate() {
-                let surface = &self.scene.surfaces[s.surface as usize];
-                if surface.is_smooth() && is_flat(&s.shape) {
-                    (0..s.shape.face_count()).for_each(|f| self.at(&way, id as u32, f, surface, polygon, inside));
-                }
+        for (id, s) in self.scene.shapes.iter().enumerate() {
+            let surface = &self.scene.surfaces[s.surface as usize];
+            if surface.is_smooth() && is_flat(&s.shape) {
+                (0..s.shape.face_count()).for_each(|f| self.at(&way, id as u32, f, surface, polygon, inside));
             }
         }
-        self.long |= steps == self.depth && steps == STEPS;
+        self.long |= way.steps.len() == STEPS;
         self.found.push(way);
     }
 

@@ -1,11 +1,11 @@
-//! The border of the spot that a hard-edged collimated beam makes on what it meets: of term H of [T] section 3, the part on surfaces. In media it is [`super::hard_beam`]'s.
+//! The border of the spot that a hard-edged collimated beam makes on what it meets: of term H of [T] section 3, the part on surfaces. In media it is [`super::hard_beam`]'s, and beside glass and mirrors [`super::cast`]'s.
 //!
 //! A beam's edge is a sheet of parallel rays: x = p + ρ d + R m, m across the axis d, with n = -m toward the axis and `v_n = <n, ṗ + ρ ḋ> - Ṙ`, less the receiver's own motion.
 
 use super::ends::{self, Point, Watch};
 use super::sheet::{Partials, Ray};
 use super::{Context, Motion};
-use crate::light::{Light, LightKind, Place};
+use crate::light::{Light, LightKind};
 use crate::math::{DVec3, warp};
 use crate::params::Partial;
 use crate::scene::Scene;
@@ -17,18 +17,17 @@ pub struct BeamSpot {
     position: DVec3,
     direction: DVec3,
     radius: f64,
-    place: Place,
 }
 
 impl BeamSpot {
-    /// Of all hard-edged beams, where something receives them and nothing mirrors or refracts ([`super::interfaces`]).
+    /// Of all hard-edged beams, where something receives them and nothing mirrors or refracts.
     pub fn all(scene: &Scene, motion: &Motion) -> Vec<BeamSpot> {
         if !motion.surfaces() || scene.has_smooth() || scene.shapes.iter().all(|s| scene.is_null(s)) {
             return Vec::new();
         }
         let spot = |(light, l): (u32, &Light)| match l.kind {
             LightKind::Beam { position, direction, radius, gaussian: false } => {
-                Some(BeamSpot { light, position, direction, radius, place: l.place })
+                Some(BeamSpot { light, position, direction, radius })
             }
             _ => None,
         };
@@ -61,9 +60,9 @@ impl BeamSpot {
     /// `-v_n`, less what the receiver itself does.
     pub fn motion(&self, cx: &Context, ray: &Ray, rho: f64, point: &Point, watch: &Watch) -> Partials {
         let mut p = Partials::default();
-        p.push(Partial { slot: self.place.position, v: -ray.n, len: 3 });
-        p.push(Partial { slot: self.place.direction, v: ray.n * -rho, len: 3 });
-        p.push(Partial { slot: self.place.radius, v: DVec3::X, len: 1 });
+        let light = &cx.scene.lights[self.light as usize];
+        light.edge_forms(ray.origin, -ray.n, |q| p.push(q));
+        p.push(Partial { slot: light.place.direction, v: ray.n * -rho, len: 3 });
         ends::motion(cx, point, watch, ray.n, &mut p);
         p
     }

@@ -13,8 +13,8 @@ use crate::math::rng::Rng;
 use crate::math::{DVec3, Rgb, warp};
 use crate::params::Partial;
 use crate::phase::one_minus_cos;
-use crate::scene::Scene;
 use crate::scene::beams::FAINT;
+use crate::scene::{Around, Instance, Scene};
 use crate::shape::Shape;
 use crate::shape::triangles::triangles;
 use crate::transport::record::MediumSpan;
@@ -70,6 +70,13 @@ impl BeamStart {
             "`{name}` stands in the disk where the beam `{light}` begins: how light and shadow begin there cannot be told yet"
         );
         Err(Error::scene(&shape.span, what, "let the beam begin a little further on, or make it narrower"))
+    }
+
+    /// Whether any of the disk may lie in a medium: its middle does, or a border of one crosses it.
+    pub fn is_in_medium(&self, scene: &Scene, around: &Around) -> bool {
+        let slack = ends::contact(scene);
+        let crosses = |s: &Instance| s.boundary && scene.is_null(s) && self.is_crossed(&s.shape, slack);
+        scene.medium_past(self.p, self.d, &[], around).is_some() || scene.shapes.iter().any(crosses)
     }
 
     /// Whether a shape comes through the disk. One that lies in its plane, or touches that, does not.

@@ -113,14 +113,17 @@ fn borders_are_known(scene: &Scene, motion: &Motion) -> bool {
     !(chains.faces.is_empty() || chains.cut || chains.touching) && unknown(scene, motion).next().is_none()
 }
 
+/// Neither smooth nor null.
+pub fn is_opaque(scene: &Scene, s: &Instance) -> bool {
+    let surface = &scene.surfaces[s.surface as usize];
+    !surface.is_null() && !surface.is_smooth()
+}
+
 /// Whether something may stand in a beam, beside glass or mirrors, or these part it: [`super::hard_beam`] knows of no shadows.
 pub fn cut_beams(scene: &Scene) -> bool {
-    let is_opaque = |s: &Instance| {
-        let surface = &scene.surfaces[s.surface as usize];
-        !surface.is_null() && !surface.is_smooth()
-    };
     let has_beam = scene.lights.iter().any(Light::is_beam);
-    has_beam && scene.has_smooth() && (scene.shapes.iter().any(is_opaque) || !scene.beams.parted.is_empty())
+    let opaque = || scene.shapes.iter().any(|s| is_opaque(scene, s));
+    has_beam && scene.has_smooth() && (opaque() || !scene.beams.parted.is_empty())
 }
 
 /// Whether the borders of such beams are told here.

@@ -3,13 +3,14 @@
 //! An outline is where light touches the surface, `<w(z), N(z)> = 0` with w the light's direction at z: one place on each meridian of a ball, counted from where light meets it first, and two at each height of a wall. Its sheet has
 //! the surface's normal there, so that f = <x_k - e, N> tells it as it tells that of an edge (an edge's own plane is across the edge, an outline's across the light), and e moves with the surface's matter.
 
+use super::cast::is_opaque;
 use super::cast_sheet::Grazed;
 use super::ends;
 use super::rims::Rim;
 use crate::math::root::root;
 use crate::math::{DMat3, DVec3, warp};
+use crate::scene::Scene;
 use crate::scene::chains::Face;
-use crate::scene::{Instance, Scene};
 use crate::shape::edges::{border, sides, with_corners};
 use crate::shape::{Cylinder, Geometry, Shape};
 use smallvec::SmallVec;
@@ -290,8 +291,7 @@ pub fn borders(scene: &Scene, rims: &[Rim]) -> Vec<Border> {
     for f in scene.chains.faces.iter() {
         add(f.shape, f.face, f.corners());
     }
-    let is_opaque = |(id, s): &(u32, &Instance)| !scene.is_null(s) && !scene.surface_of(*id).is_smooth();
-    let opaque = || (0..).zip(&scene.shapes).filter(is_opaque);
+    let opaque = || (0..).zip(&scene.shapes).filter(|(_, s)| is_opaque(scene, s));
     for (id, s) in opaque() {
         for face in 0..s.shape.face_count() {
             with_corners(&s.shape, face, |corners| add(id, face, corners));

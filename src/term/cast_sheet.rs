@@ -320,7 +320,10 @@ impl Sheet {
         if let (true, [a, b]) = (self.between, &self.border.into[..]) {
             // Faces on either side of the ray hide both.
             let across = comes.cross(along);
-            margins.push(across.dot(*a) * across.dot(*b) * scene.bounds.radius());
+            // Of a face along the light both edges have the same rays: that which they meet first counts.
+            let is_last = |into: &DVec3| across.dot(*into).abs() <= NONE && into.dot(comes) < 0.0;
+            let off = if is_last(a) || is_last(b) { -1.0 } else { across.dot(*a) * across.dot(*b) };
+            margins.push(off * scene.bounds.radius());
         }
         Some((ray, margins))
     }

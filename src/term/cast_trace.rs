@@ -10,7 +10,7 @@
 //! (a shot, [`super::aim`]), onto whose film it slides, and vertices of camera paths ([`super::seen_path`]), likewise, each in its own way.
 
 use super::aim::{From, Interfaces};
-use super::cast::Ended;
+use super::cast::{Ended, is_opaque};
 use super::cast_sheet::{Met, Sheet};
 use super::ends::{self, Point, Watch};
 use super::grazing_line::seen_on;
@@ -150,10 +150,7 @@ impl Spot<'_> {
 impl Traces {
     /// `None` where there are no sheets, or nothing opaque.
     pub fn prepare(scene: &Scene, sensor: &Sensor, margin: f64, ended: &Ended) -> Option<Traces> {
-        if !scene.shapes.iter().any(|s| {
-            let surface = &scene.surfaces[s.surface as usize];
-            !surface.is_null() && !surface.is_smooth()
-        }) {
+        if !scene.shapes.iter().any(|s| is_opaque(scene, s)) {
             return None;
         }
         let around = scene.around(Some(sensor));

@@ -1,5 +1,5 @@
 //! Where the profile of a light ends moves: term H of [T] section 3 ([T] 5.3, (62c)). The hard edge of a spot's cone; those of beams are [`super::hard_beam`]'s in media, [`super::beam_spot`]'s on
-//! surfaces, and where beams begin [`super::beam_start`]'s.
+//! surfaces ([`super::cast`]'s beside glass and mirrors), and where beams begin [`super::beam_start`]'s.
 //!
 //! The cone `<u,d> = cos θ |u|`, u = y - p, is a sheet like a shadow's, with nothing standing on its rays: n = (d - cos θ u/ρ) / sin θ
 //! toward the axis and `v_n = <n,ṗ> - <u,ḋ>/sin θ - ρ θ̇`, less the point's own motion: in a medium that scatters more than once points near the apex

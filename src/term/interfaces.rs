@@ -8,9 +8,8 @@ use super::beam_start::BeamStart;
 use super::rims::Rim;
 use super::{Motion, cast, contact, ends, panes};
 use crate::error::{Error, Result};
-use crate::light::{Light, LightKind};
+use crate::light::Light;
 use crate::math::nearest::between_triangles;
-use crate::math::{DVec3, warp};
 use crate::scene::beams::is_flat;
 use crate::scene::chains::has_flat_faces;
 use crate::scene::nearest::Kind;
@@ -20,12 +19,9 @@ use crate::shape::triangles::triangles;
 use crate::shape::{Geometry, Shape};
 use rayon::prelude::*;
 use std::cell::OnceCell;
-use std::f64::consts::TAU;
 
 /// Faces of a smooth mesh at most: every chain of them has to be found by chance.
 pub(super) const FACETS: u32 = 512;
-/// Places of the rim at which a beam begins that are asked for their medium.
-const RIM: usize = 16;
 /// Where an edge is looked at for what it touches.
 const PLACES: [f64; 5] = [0.02, 0.27, 0.5, 0.73, 0.98];
 
@@ -36,7 +32,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     let name = &interface.name;
     // Beams find their way, and others by way of flat faces.
     let lit = panes::are_known(scene, motion) || cast::are_known(scene, motion);
-    let others = scene.lights.iter().zip(&motion.lights).filter(|(l, _)| !matches!(l.kind, LightKind::Beam { .. }));
+    let others = scene.lights.iter().zip(&motion.lights).filter(|(l, _)| !l.is_beam());
     let mut moves = others.into_iter().filter(|(_, m)| m.position || m.direction || m.angles);
     if let Some((light, _)) = moves.next().filter(|_| !lit) {
         return Err(unlit(scene, motion, interface, light));
@@ -293,7 +289,7 @@ fn outlines(scene: &Scene, motion: &Motion) -> Result<()> {
 
 /// Where beams are and anything moves: what cuts them beside glass and mirrors has to be known, and nothing may cut them where they begin.
 fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
-    let beam = scene.lights.iter().find(|l| matches!(l.kind, LightKind::Beam { .. }));
+    let beam = scene.lights.iter().find(|l| l.is_beam());
     let Some(beam) = beam.filter(|_| motion.surfaces()) else { return Ok(()) };
     let curved = |s: &Instance| {
         let smooth = scene.surfaces[s.surface as usize].is_smooth();
@@ -316,21 +312,18 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
     } else if cast::cut_beams(scene) {
         return Err(cut(scene, motion, beam));
     }
-    for l in &scene.lights {
-        let LightKind::Beam { position, direction, radius, .. } = l.kind else { continue };
-        let (x, y) = warp::frame(direction);
-        let around = scene.around(scene.sensors.first());
-        let rim = (0..RIM).map(|k| (TAU * k as f64 / RIM as f64).sin_cos()).map(|(s, c)| (x * c + y * s) * radius);
-        let mut disk = std::iter::once(DVec3::ZERO).chain(rim).map(|m| position + m);
-        if smooth && disk.any(|p| scene.medium_past(p, direction, &[], &around).is_some()) {
+    let around = scene.around(scene.sensors.first());
+    for start in (0..).zip(&scene.lights).filter_map(|(id, l)| BeamStart::new(id, l)) {
+        if smooth && start.is_in_medium(scene, &around) {
             let what = format!(
                 "the beam `{}` begins inside a medium, beside glass or mirrors, and something moves: this cannot be differentiated yet",
-                l.name
+                scene.lights[start.light() as usize].name
             );
-            return Err(Error::usage(what, "let it begin outside"));
+            return Err(Error::usage(what, "let it begin outside, all of it"));
         }
+        start.check(scene)?;
     }
-    (0..).zip(&scene.lights).filter_map(|(id, l)| BeamStart::new(id, l)).try_for_each(|b| b.check(scene))
+    Ok(())
 }
 
 /// Why what cuts a beam is not known.

@@ -1,8 +1,9 @@
 //! Collimated beams by way of glass and mirrors, where something opaque stands in them or a border parts them: what they light in media and on surfaces (`term::cast` for beams).
 
-use crate::common::{Estimate, against_differences, check, forward_of};
+use crate::common::{Estimate, against_differences, check, forward_of, job, params, scene};
 use std::f64::consts::PI;
 use tyndall::math::fresnel::Interface;
+use tyndall::render::driver::Mode;
 use tyndall::scene::compile::Orders;
 
 /// A beam through a block onto a plane that an orthographic camera sees whole, from above and beside the block; `more` stands in it.
@@ -101,6 +102,58 @@ fn a_shadow_in_a_narrow_gaussian_beam() {
     let unit = 0.6 * 10.0 / (PI * 4.0);
     let left = r * (0.5 * PI).sqrt() * (-2.0 * s * s / (r * r)).exp();
     check("a half-plane's place", &red(&text, "s", "all", 1 << 13), -unit * block(1.5)[0] * left, 0.01);
+}
+
+/// A beam straight down into fog, `more` above that; one scattering, over the fog's depth and the chord at z = 0.1, which is 0.9 from where the camera looks in, by that place.
+fn into_fog(depth: i32, more: &str) -> (String, f64) {
+    let text = format!(
+        r#"<scene version="3.0.0"><default name="s" value="0.1"/><integrator type="volpath"><integer name="max_depth" value="{depth}"/></integrator>
+  <medium type="homogeneous" id="fog"><rgb name="sigma_t" value="0.8"/><float name="albedo" value="0.5"/></medium>
+  <sensor type="orthographic"><transform name="to_world"><scale x="1.5" y="1.5"/><lookat origin="0, 0, 6" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="3"/><integer name="height" value="3"/><rfilter type="box"/></film></sensor>
+  <shape type="cube"><bsdf type="null"/><ref name="interior" id="fog"/></shape>{more}
+  <emitter type="collimated"><transform name="to_world"><rotate x="1" angle="90"/><translate y="3"/></transform>
+    <float name="radius" value="0.3"/><string name="profile" value="hard"/><float name="irradiance" value="10"/></emitter></scene>"#
+    );
+    let (sigma, half): (f64, f64) = (0.8, (0.09f64 - 0.01).sqrt());
+    let ways = (1.0 - (-2.0 * sigma).exp()) / sigma * (-0.9 * sigma).exp() * 2.0 * half;
+    (text, -0.4 * 10.0 / (4.0 * PI) / 9.0 * ways)
+}
+
+#[test]
+fn a_shadow_in_fog_behind_a_block() {
+    let plate = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.8"/><rotate x="1" angle="90"/><translate z="-0.8"/><translate y="2.2" z="$s"/></transform>
+      <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></bsdf></shape>
+      <shape type="cube"><transform name="to_world"><scale x="0.9" y="0.2" z="0.9"/><translate y="1.8"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf></shape>"#;
+    let (text, shade) = into_fog(-1, plate);
+    let through = Orders { first: 3, last: 3 };
+    let d = forward_of(&text, through, &["s"], &["all"], 1 << 14)[1];
+    check("the plate's place", &d, shade * 0.96 * 0.96, 0.01);
+    let none = forward_of(&text, through, &["s"], &["interior", "hard_profile", "medium_edge"], 1 << 8)[1];
+    assert!(none.value[0] == 0.0, "without its shadow: {none:?}");
+}
+
+/// What a block lets through has scattered too often to count, but its shadow does.
+#[test]
+fn a_block_parts_a_beam_that_scatters_once() {
+    let block = r#"<shape type="cube"><transform name="to_world"><scale x="0.9" y="0.2" z="0.8"/><translate z="-0.8"/><translate y="1.8" z="$s"/></transform><bsdf type="dielectric"/></shape>"#;
+    let (text, shade) = into_fog(2, block);
+    let once = Orders { first: 1, last: 1 };
+    check("the block's place", &forward_of(&text, once, &["s"], &["all"], 1 << 14)[1], shade, 0.01);
+}
+
+/// Beside glass the disk at which a beam begins may not lie in a medium, not even a part of it.
+#[test]
+fn half_of_a_disk_in_fog_is_refused() {
+    let block = r#"<shape type="cube"><transform name="to_world"><scale value="0.2"/><translate x="$s" y="-2"/></transform><bsdf type="dielectric"/></shape>"#;
+    let text = into_fog(4, block).0.replace(
+        r#"<rotate x="1" angle="90"/><translate y="3"/>"#,
+        r#"<rotate x="1" angle="90"/><translate x="1.1" y="0.5"/>"#,
+    );
+    let (desc, sc) = scene(&text);
+    let p = params(&desc, &sc, &["s"]);
+    let error = job(&sc, 4, 1, Mode::Forward(&p)).run(&|_| {}).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(error.contains("begins inside a medium"), "{error}");
 }
 
 /// A mirror that is smaller than the beam, a block, and a ball before both, over a floor, in fog or none.
