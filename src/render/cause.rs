@@ -40,13 +40,20 @@ pub fn zero_measure(p: &Parts<f64>) -> Option<&LightPart<f64>> {
     p.lights.iter().find(|l| is_zero_measure(&l.kind))
 }
 
-/// Whether the borders of its shadows, and of the light that it mirrors or lets through, are known, as `term::cast` has it: straight ones, and those of what is round and opaque. One of glass without an inside has none that is in sight.
+/// Whether the borders of its shadows, and of the light that it mirrors or lets through, are known, as `term::cast` has it: straight ones, and those of what is round and opaque, or a single ball of metal. One of glass without an inside has none that is in sight.
 pub fn has_known_borders(p: &Parts<f64>, s: &ShapePart<f64>) -> bool {
     match s.kind {
-        ShapeKind::Sphere { .. } | ShapeKind::Disk | ShapeKind::Cylinder { .. } => !is_smooth(p, s.surface),
+        ShapeKind::Sphere { .. } => !is_smooth(p, s.surface) || is_lone_mirror(p, s),
+        ShapeKind::Disk | ShapeKind::Cylinder { .. } => !is_smooth(p, s.surface),
         ShapeKind::Rectangle => !matches!(p.surfaces[s.surface], SurfacePart::Dielectric { .. }),
         _ => true,
     }
+}
+
+/// Whether this, of metal, is all that mirrors or refracts.
+fn is_lone_mirror(p: &Parts<f64>, s: &ShapePart<f64>) -> bool {
+    let smooth = p.shapes.iter().filter(|s| is_smooth(p, s.surface)).count();
+    smooth == 1 && !s.flip_normals && matches!(p.surfaces[s.surface], SurfacePart::Conductor { .. })
 }
 
 /// What keeps light without extent from being known by way of smooth surfaces: something round, or the light itself.
@@ -71,7 +78,7 @@ pub fn unlit(p: &Parts<f64>, of_light: &'static str) -> Option<Cause> {
     match round.filter(|_| !panes) {
         Some(s) => Some(Cause::of_shape(
             s,
-            "in light without extent glass and mirrors must have flat faces: make it a cube or a mesh; or use an area light, an environment or, where nothing is opaque, a collimated beam",
+            "in light without extent glass and mirrors must have flat faces, or be a single ball of metal: make it a cube or a mesh; or use an area light, an environment or, where nothing is opaque, a collimated beam",
         )),
         None => Some(Cause::of_light(light, of_light)),
     }

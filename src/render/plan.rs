@@ -391,7 +391,7 @@ impl Plan {
             };
             let matter = motion.opaque || motion.area_light || motion.camera;
             let light = motion.zero_measure_light || motion.profile;
-            // By way of flat faces all light of lights without extent is known, where they are parallel and nothing casts shadows (`term::panes` sees to that), or all shadows have straight borders (`term::cast`).
+            // By way of flat faces all light of lights without extent is known, where they are parallel and nothing casts shadows (`term::panes` sees to that), or all shadows have known borders (`term::cast`), by a single ball of metal, too.
             let turns = motion.camera || motion.ior || motion.interface;
             let moved = motion.opaque || motion.area_light;
             // Spots that turn or open move no shadow.
@@ -400,9 +400,9 @@ impl Plan {
                 && (light || facts.zero_measure_light && (turns || moved));
             if known {
                 let why = if turns || moved {
-                    "a light shines by way of flat faces"
+                    "a light shines by way of glass or mirrors"
                 } else {
-                    "a light moves that shines by way of flat faces"
+                    "a light moves that shines by way of glass or mirrors"
                 };
                 all.entry(Term::C).or_insert_with(|| format!("{why} ({name})"));
                 if facts.known_borders {

@@ -1,7 +1,8 @@
 //! Smooth balls by which lights without extent, and beams, are connected to ([`crate::transport::ball`]).
 
+use super::beams::Step;
 use super::{Instance, Scene};
-use crate::light::LightKind;
+use crate::light::{LightKind, Origin};
 use crate::math::DVec3;
 use crate::math::ball_ways::Ball;
 use crate::shape::Shape;
@@ -21,6 +22,39 @@ impl BallOf {
     /// Whether a beam that begins here is not parallel light from outside to all of it.
     pub fn begins_beside(&self, position: DVec3, direction: DVec3) -> bool {
         (self.center - position).dot(direction).abs() < self.ball.radius
+    }
+}
+
+impl BallOf {
+    /// Where light of this origin is mirrored on its way to z, from outside to outside.
+    pub fn mirrored(&self, from: Origin<f64>, z: DVec3) -> Option<DVec3> {
+        let mut found = None;
+        let (source, far) = self.source(from);
+        self.ball.ways(source, far, z - self.center, 1, None, |way| found = way.points.first().copied());
+        found.map(|p| self.center + p)
+    }
+
+    /// A source as the ball sees it: its position, or the direction toward infinity.
+    pub fn source(&self, from: Origin<f64>) -> (DVec3, bool) {
+        match from {
+            Origin::Position(q) => (q.value() - self.center, false),
+            Origin::Infinity(w) => (-w.value(), true),
+        }
+    }
+
+    /// How light that comes along w by o, from outside, is mirrored, and where; `None` where it misses the ball.
+    pub fn mirror(&self, o: DVec3, w: DVec3) -> Option<(Step, DVec3)> {
+        let from = o - self.center;
+        let along = from.dot(w);
+        let half = self.ball.radius.powi(2) - (from - w * along).length_squared();
+        if half <= 0.0 || along >= 0.0 {
+            return None;
+        }
+        let p = o - w * (along + half.sqrt());
+        let outward = (p - self.center) / self.ball.radius;
+        let behind = (w - outward * (2.0 * outward.dot(w))).normalize();
+        let n = if self.flipped { -outward } else { outward };
+        Some((Step { shape: self.shape, face: 0, p, n, before: w, behind, through: false }, p))
     }
 }
 

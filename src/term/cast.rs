@@ -14,6 +14,7 @@
 //! Where two faces in turn share an edge, light passes both at one point of it: such a border is the first one's alone.
 
 use super::cast_border;
+use super::cast_route::is_lone_mirror;
 use super::cast_sheet::{Met, Sheet, around, count, of_light};
 use super::cast_trace::Traces;
 use super::interfaces::{self, FACETS};
@@ -28,7 +29,7 @@ use crate::math::{DVec3, Rgb};
 use crate::params::{Partial, Slot};
 use crate::phase::one_minus_cos;
 use crate::scene::bodies::is_convex;
-use crate::scene::chains::{Link, has_flat_faces};
+use crate::scene::chains::has_flat_faces;
 use crate::scene::{Instance, On, Scene, effort};
 use crate::sensor::Sensor;
 use crate::shape::{Geometry, Shape};
@@ -59,13 +60,10 @@ pub struct Ended {
 
 impl Ended {
     fn new(scene: &Scene, moving: &Moving, sheets: Vec<Sheet>, slots: Vec<Option<Slot>>) -> Ended {
-        let turns = |l: &Link| {
-            let shape = scene.chains.faces[l.face as usize].shape;
-            moving.moves(shape) || moving.refracts(scene.shapes[shape as usize].surface as usize)
-        };
+        let turns = |k: u32| moving.moves(k) || moving.refracts(scene.shapes[k as usize].surface as usize);
         let own = |s: &Sheet| {
             let by_border = s.border.matter().is_none_or(|(shape, _)| moving.moves(shape));
-            slots[s.light as usize].is_some() || by_border || s.links.iter().any(turns)
+            slots[s.light as usize].is_some() || by_border || s.route.shapes(scene).any(turns)
         };
         let moves = sheets.iter().map(own).collect();
         Ended { sheets, slots, moves }
@@ -110,7 +108,8 @@ pub fn are_known(scene: &Scene, motion: &Motion) -> bool {
 
 fn borders_are_known(scene: &Scene, motion: &Motion) -> bool {
     let chains = &scene.chains;
-    !(chains.faces.is_empty() || chains.cut || chains.touching) && unknown(scene, motion).next().is_none()
+    let any = !(chains.faces.is_empty() && scene.balls.is_empty());
+    any && !(chains.cut || chains.touching) && unknown(scene, motion).next().is_none()
 }
 
 /// Neither smooth nor null.
@@ -140,7 +139,8 @@ pub fn unknown<'a>(scene: &'a Scene, motion: &'a Motion) -> impl Iterator<Item =
         let smooth = scene.surface_of(id).is_smooth();
         match &s.shape {
             Shape::Cube(_) => true,
-            Shape::Sphere(_) | Shape::Cylinder(_) | Shape::Disk(_) => !smooth,
+            Shape::Sphere(_) => !smooth || is_lone_mirror(scene, id),
+            Shape::Cylinder(_) | Shape::Disk(_) => !smooth,
             // One of glass bounds a half-space, whose border has to be out of sight.
             Shape::Rectangle(_) => !(smooth && scene.surface_of(id).is_transparent()),
             Shape::Mesh(_) if !smooth => has_flat_faces(s) && s.shape.face_count() <= OPAQUE,
@@ -202,7 +202,7 @@ impl Casts {
         margin: f64,
         counts: impl Fn(&Light) -> bool,
     ) -> Option<Casts> {
-        if scene.chains.faces.is_empty() {
+        if scene.chains.faces.is_empty() && scene.balls.is_empty() {
             return None;
         }
         let slot = |(l, m): (&Light, &LightMotion)| match l.center() {
@@ -281,7 +281,7 @@ impl Casts {
         emit: &mut dyn FnMut(Rgb, &Partials),
     ) {
         let (scene, span) = (cx.scene, &walked.span);
-        let order = walked.depth + 1 + sheet.links.len() as u32;
+        let order = walked.depth + 1 + sheet.route.len() as u32;
         if order < cx.set.min_order || order >= cx.set.max_depth {
             return;
         }

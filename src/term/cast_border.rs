@@ -4,13 +4,14 @@
 //! the surface's normal there, so that f = <x_k - e, N> tells it as it tells that of an edge (an edge's own plane is across the edge, an outline's across the light), and e moves with the surface's matter.
 
 use super::cast::is_opaque;
+use super::cast_route::is_lone_mirror;
 use super::cast_sheet::Grazed;
 use super::ends;
 use super::rims::Rim;
 use crate::math::root::root;
 use crate::math::{DMat3, DVec3, warp};
-use crate::scene::Scene;
 use crate::scene::chains::Face;
+use crate::scene::{Instance, Scene};
 use crate::shape::edges::{border, sides, with_corners};
 use crate::shape::{Cylinder, Geometry, Shape};
 use smallvec::SmallVec;
@@ -299,7 +300,9 @@ pub fn borders(scene: &Scene, rims: &[Rim]) -> Vec<Border> {
     }
     // Within a plane there is none.
     found.retain(|b| !matches!(b.into[..], [a, c] if a.dot(c) < FLAT - 1.0));
-    for (id, s) in opaque() {
+    // Of light, what mirrors is a shadow's cause too.
+    let blocks = |id: u32, s: &Instance| is_opaque(scene, s) || is_lone_mirror(scene, id);
+    for (id, s) in (0..).zip(&scene.shapes).filter(|(id, s)| blocks(*id, s)) {
         match s.shape {
             Shape::Sphere(q) => {
                 found.push(Border::round(Line::Ball { c: q.center, r: q.radius, axes: None }, [(id, 0)]));

@@ -1,9 +1,10 @@
-//! Sheets across which light by a way of flat faces begins and ends ([`super::cast`]): rays from the points of a border, which the faces before it send light to, on by those behind.
+//! Sheets across which light by a way ([`super::cast_route`]) begins and ends ([`super::cast`]): rays from the points of a border, which the faces before it send light to, on by those behind.
 //!
 //! Rays are told at some places of the border: between two of them a line may meet one where the volume that both span changes its sign, or comes near to none. Stretches of a border from which no
 //! light goes on, because another face is missed or the border's own faces hide it, are left out.
 
 use super::cast_border::{BESIDE, Border, Place, borders_of, edges, is_same};
+use super::cast_route::{self, NONE, Route, Taken};
 use super::ends;
 use super::shown::window;
 use crate::light::{LightKind, Origin};
@@ -13,11 +14,11 @@ use crate::math::root::{dip, positive, root};
 use crate::math::{DVec3, Rgb};
 use crate::scene::beams::{FAINT, Step};
 use crate::scene::bodies::Set;
-use crate::scene::chains::{Face, Link, MOST};
+use crate::scene::chains::MOST;
 use crate::scene::{Hit, On, Scene};
+use crate::transport::beam;
 use crate::transport::record::MediumSpan;
 use crate::transport::way_motion::Slide;
-use crate::transport::{beam, chain};
 use rayon::prelude::*;
 use smallvec::SmallVec;
 use std::cell::Cell;
@@ -33,16 +34,14 @@ const STRAIGHT: usize = 16;
 const HALVED: i32 = 12;
 /// Halvings that find where rays of a sheet end.
 const STEPS: usize = 60;
-/// Distances ahead, in scene radii, that may be none: light passes two faces at the edge that they share.
-const NONE: f64 = 1e-9;
 
 /// A sheet behind a border.
 pub struct Sheet {
     pub light: u32,
-    pub links: SmallVec<[Link; MOST]>,
+    pub route: Route,
     /// How often it is looked at.
     pub asked: f64,
-    /// The number of the border's face among the links, or of the link before which one stands that does nothing.
+    /// The number of the border's face on the route, or of what light meets next where one stands that does nothing.
     pub at: usize,
     between: bool,
     pub border: Border,
@@ -58,8 +57,8 @@ pub type Grazed = SmallVec<[(u32, Vec<u32>); 2]>;
 /// Of a sheet: unit direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
-    o: DVec3,
-    w: DVec3,
+    pub o: DVec3,
+    pub w: DVec3,
 }
 
 impl Ray {
@@ -97,75 +96,32 @@ pub fn around(scene: &Scene, span: &MediumSpan) -> Set {
     scene.bodies.holding(span.o + span.w * t)
 }
 
-/// Steps, each with where it is taken.
-type Taken = SmallVec<[(Step, DVec3); MOST]>;
-
-/// Faces in turn, and how often they are asked for.
-type Way = (SmallVec<[Link; MOST]>, f64);
-
-/// All ways of a light, and the bodies that it is in.
-fn ways(scene: &Scene, id: u32) -> (Vec<Way>, Set) {
-    let (light, bodies) = (&scene.lights[id as usize], &scene.bodies);
-    let Some(from) = light.origin() else { return (Vec::new(), 0) };
-    let faces = &scene.chains.faces;
-    let begins = light.stands().map_or(0, |q| bodies.holding(q));
-    if let LightKind::Beam { .. } = light.kind {
-        let link = |s: &Step| {
-            let face = (0..).zip(faces.iter()).find(|(_, f)| (f.shape, f.face) == (s.shape, s.face))?.0;
-            Some(Link { face, front: s.before.dot(s.n) < 0.0, through: s.through })
-        };
-        let own = scene.beams.ways.iter().filter(|w| w.light == id);
-        let ways = own.filter_map(|w| Some((w.steps.iter().map(link).collect::<Option<_>>()?, w.asked())));
-        return (ways.collect(), begins);
-    }
-    // Facets of meshes are in the list by themselves.
-    let is_met =
-        |f: &Face| bodies.may_meet(f.shape, Some(begins)) && bodies.may_meet_from(f, f.is_before(from), begins);
-    let alone = (0..).zip(faces.iter()).filter(|(_, f)| !f.is_facet() && is_met(f));
-    let single = alone.flat_map(|(face, f)| {
-        let (front, through) = (f.is_before(from), scene.surface_of(f.shape).is_transparent());
-        let link = |through| (SmallVec::from_iter([Link { face, front, through }]), 1.0);
-        std::iter::once(link(false)).chain(through.then(|| link(true)))
-    });
-    let listed = scene.chains.list.iter().filter(|c| c.light == id).map(|c| (c.links.clone(), c.asked));
-    (std::iter::once((SmallVec::new(), 1.0)).chain(single).chain(listed).collect(), begins)
-}
-
-/// The bodies that light is in before each face of a way, and behind all.
-fn sets(scene: &Scene, begins: Set, links: &[Link]) -> SmallVec<[Set; MOST + 1]> {
-    let passed = |l: &Link| if l.through { scene.bodies.of(scene.chains.faces[l.face as usize].shape) } else { 0 };
-    let behind = links.iter().scan(begins, |set, l| {
-        *set ^= passed(l);
-        Some(*set)
-    });
-    std::iter::once(begins).chain(behind).collect()
-}
-
 /// All sheets of a light that it may go on from.
 pub fn of_light(scene: &Scene, borders: &[Border], id: u32) -> Vec<Sheet> {
     let faces = &scene.chains.faces;
-    let (ways, begins) = ways(scene, id);
+    let (routes, begins) = cast_route::of_light(scene, id);
     let own: Vec<Vec<Border>> = faces.iter().map(|f| borders_of(scene, borders, f)).collect();
-    let of_way = |(links, asked): &Way| {
-        let within = sets(scene, begins, links);
+    let of_route = |(route, asked): &(Route, f64)| {
+        let within = route.sets(scene, begins);
         let mut sheets = Vec::new();
         let mut add = |at: usize, between: bool, border: Border| {
-            let (links, asked) = (links.clone(), *asked);
-            let within = within[links.len()];
-            let sheet = Sheet { light: id, links, asked, at, between, border, within, pieces: Vec::new() };
+            let (route, asked) = (route.clone(), *asked);
+            let within = within[route.len()];
+            let sheet = Sheet { light: id, route, asked, at, between, border, within, pieces: Vec::new() };
             let sheet = sheet.traced(scene);
             sheets.extend(Some(sheet).filter(|s| !s.pieces.is_empty()));
         };
-        for (at, link) in links.iter().enumerate() {
-            let before = at.checked_sub(1).map(|k| &faces[links[k].face as usize]);
+        for (at, link) in route.links().iter().enumerate() {
+            let before = at.checked_sub(1).map(|k| &faces[route.links()[k].face as usize]);
             let shared = |ends: &[DVec3; 2]| before.is_some_and(|b| edges(b).any(|other| is_same(scene, ends, &other)));
             for b in own[link.face as usize].iter().filter(|b| !b.ends().is_some_and(shared)) {
                 add(at, false, b.clone());
             }
         }
-        for at in 0..=links.len() {
+        for at in 0..=route.len() {
             // Convex bodies do not stand on lines that end on them.
-            let around = [at.checked_sub(1), Some(at)].map(|k| Some(faces[links.get(k?)?.face as usize].shape));
+            let met = |k: Option<usize>| k.filter(|k| *k < route.len()).map(|k| route.met(scene, k).0);
+            let around = [at.checked_sub(1), Some(at)].map(met);
             let stands = |b: &&Border| {
                 let (shape, _) = b.own();
                 !around.contains(&Some(shape)) && scene.bodies.may_meet(shape, Some(within[at]))
@@ -179,17 +135,18 @@ pub fn of_light(scene: &Scene, borders: &[Border], id: u32) -> Vec<Sheet> {
         }
         sheets
     };
-    ways.par_iter().flat_map_iter(of_way).collect()
+    routes.par_iter().flat_map_iter(of_route).collect()
 }
 
 /// How many sheets a light has at most.
 pub fn count(scene: &Scene, borders: &[Border], id: u32) -> usize {
-    let (ways, begins) = ways(scene, id);
+    let (routes, begins) = cast_route::of_light(scene, id);
     let stand = |set: Set| borders.iter().filter(|b| scene.bodies.may_meet(b.own().0, Some(set))).count();
     let mut known: HashMap<Set, usize> = HashMap::new();
     let mut of_set = |set: Set| *known.entry(set).or_insert_with(|| stand(set));
-    ways.iter()
-        .map(|(links, _)| 4 * links.len() + sets(scene, begins, links).into_iter().map(&mut of_set).sum::<usize>())
+    routes
+        .iter()
+        .map(|(r, _)| 4 * r.links().len() + r.sets(scene, begins).into_iter().map(&mut of_set).sum::<usize>())
         .sum()
 }
 
@@ -229,10 +186,10 @@ impl Sheet {
     fn grazed(&self, scene: &Scene, z: DVec3, o: DVec3) -> Grazed {
         let own = (o - z).length() <= ends::contact(scene);
         let mut grazed = if own { self.border.grazed() } else { Grazed::new() };
-        if let Some(last) = self.links.last().map(|l| &scene.chains.faces[l.face as usize]) {
-            match grazed.iter_mut().find(|g| g.0 == last.shape) {
-                Some(known) => known.1.push(last.face),
-                None => grazed.push((last.shape, vec![last.face])),
+        if let Some((shape, face)) = self.route.len().checked_sub(1).map(|k| self.route.met(scene, k)) {
+            match grazed.iter_mut().find(|g| g.0 == shape) {
+                Some(known) => known.1.push(face),
+                None => grazed.push((shape, vec![face])),
             }
         }
         grazed
@@ -241,7 +198,7 @@ impl Sheet {
     /// Where the ray by a place of the border ends on something that scatters, its direction, and what it begins on. Not what the border stands on: the border itself is seen there.
     pub fn lands(&self, scene: &Scene, s: f64, unsettled: &mut u64) -> Option<(Hit, DVec3, Grazed)> {
         let Place { z, comes, .. } = self.place(scene, s, unsettled)?;
-        let ray = self.leaves(scene, z, comes)?.1;
+        let ray = self.behind(scene, z, comes)?.1;
         let grazed = self.grazed(scene, z, ray.o);
         let hit = scene.opaque_past(ray.o, ray.w, f64::INFINITY, &grazed)?;
         let scatters = !scene.surface_of(hit.shape).is_smooth();
@@ -262,14 +219,7 @@ impl Sheet {
 
     /// The direction of light at the point z of the border. Searches that do not settle are counted.
     fn comes(&self, scene: &Scene, z: DVec3, unsettled: &mut u64) -> Option<DVec3> {
-        let from = self.from(scene)?;
-        if self.at == 0 {
-            return match from {
-                Origin::Position(q) => (z - q.value()).try_normalize(),
-                Origin::Infinity(w) => Some(w.value()),
-            };
-        }
-        match chain::arrival(scene, &scene.chains, &self.links[..self.at], from, z, false) {
+        match self.route.arrival(scene, self.from(scene)?, self.at, z) {
             fermat::Way::Found(w) => Some(w),
             fermat::Way::None => None,
             fermat::Way::Lost => {
@@ -280,39 +230,21 @@ impl Sheet {
     }
 
     /// The steps of light that comes along w to the point z of the border and goes on, each with where it is taken.
-    fn leaves(&self, scene: &Scene, z: DVec3, w: DVec3) -> Option<(Taken, Ray)> {
-        let mut ray = Ray { o: z, w };
-        let mut steps = SmallVec::new();
-        for link in &self.links[self.at..] {
-            let (face, f): (_, Fold) = (&scene.chains.faces[link.face as usize], scene.chains.fold(scene, link));
-            let c = ray.w.dot(f.n);
-            let t = (f.p - ray.o).dot(f.n) / c;
-            // Rounding puts the border on either side of its own plane.
-            let ahead = t > -NONE * scene.bounds.radius() && t.is_finite();
-            if !ahead || (c < 0.0) != link.front {
-                return None;
-            }
-            let behind = f.behind(ray.w)?;
-            let (shape, face) = (face.shape, face.face);
-            let step = Step { shape, face, p: f.p, n: f.n, before: ray.w, behind, through: f.through };
-            ray = Ray { o: ray.o + ray.w * t, w: behind };
-            steps.push((step, ray.o));
-        }
-        Some((steps, ray))
+    fn behind(&self, scene: &Scene, z: DVec3, w: DVec3) -> Option<(Taken, Ray)> {
+        self.route.behind(scene, self.at, (z, w))
     }
 
     fn ray(&self, scene: &Scene, s: f64) -> Option<Ray> {
         let Place { z, comes, .. } = self.place(scene, s, &mut 0)?;
-        Some(self.leaves(scene, z, comes)?.1)
+        Some(self.behind(scene, z, comes)?.1)
     }
 
     /// A ray, and how far within their faces all is that it meets but the border: none of them below 0, or no light comes.
     fn known(&self, scene: &Scene, s: f64) -> Option<(Ray, Margins)> {
         let Place { z, comes, along } = self.place(scene, s, &mut 0)?;
-        let (_, before, _) = chain::steps(scene, &scene.chains, &self.links[..self.at], (z, comes), false)?;
-        let (behind, ray) = self.leaves(scene, z, comes)?;
-        let faces = |links: &[Link]| links.iter().map(|l| &scene.chains.faces[l.face as usize]).collect::<Vec<_>>();
-        let (first, last) = (faces(&self.links[..self.at]), faces(&self.links[self.at..]));
+        let (_, before) = self.route.before(scene, self.at, (z, comes))?;
+        let (behind, ray) = self.behind(scene, z, comes)?;
+        let [first, last] = self.route.faces(scene, self.at);
         let mut margins: Margins = first.iter().rev().zip(&before).flat_map(|(f, p)| f.depths(*p)).collect();
         // Its own plane is met at the border.
         let own = usize::from(!self.between);
@@ -343,7 +275,7 @@ impl Sheet {
     fn places_in_beam(&self, scene: &Scene, (position, direction): (DVec3, DVec3), radius: f64) -> Vec<Vec<f64>> {
         let mut w = direction;
         let mut planes: SmallVec<[(Fold, DVec3); MOST]> = SmallVec::new();
-        for link in &self.links[..self.at] {
+        for link in &self.route.links()[..self.at] {
             let f = scene.chains.fold(scene, link);
             let Some(behind) = f.behind(w) else { return Vec::new() };
             planes.push((f, behind));
@@ -483,8 +415,8 @@ impl Sheet {
     pub fn met(&self, scene: &Scene, s: f64, unsettled: &mut u64) -> Option<Met> {
         let place = self.place(scene, s, unsettled)?;
         let Place { z, comes, along } = place;
-        let (before, points, _) = chain::steps(scene, &scene.chains, &self.links[..self.at], (z, comes), false)?;
-        let (behind, ray) = self.leaves(scene, z, comes)?;
+        let (before, points) = self.route.before(scene, self.at, (z, comes))?;
+        let (behind, ray) = self.behind(scene, z, comes)?;
         let (mut steps, mut idle) = (SmallVec::from_vec(before), None);
         let m = if self.between {
             let n = (comes - along * comes.dot(along)).try_normalize()?;
@@ -494,7 +426,7 @@ impl Sheet {
             steps.push(Step { shape, face, p: z, n, before: comes, behind: comes, through: true });
             n.cross(along)
         } else {
-            let face = &scene.chains.faces[self.links[self.at].face as usize];
+            let face = &scene.chains.faces[self.route.links()[self.at].face as usize];
             face.n.cross(along)
         };
         steps.extend(behind.into_iter().map(|s| s.0));
@@ -512,8 +444,7 @@ impl Sheet {
     ) -> Rgb {
         let light = &scene.lights[self.light as usize];
         let mut found = || {
-            let (way, points) =
-                chain::way(scene, &scene.chains, (self.light, &self.links), self.from(scene)?, y, unsettled)?;
+            let (way, points) = self.route.way(scene, (self.light, self.from(scene)?), y, unsettled)?;
             // A beam may be narrow: what it sends by the border itself counts on either side, but at its own edge.
             let at_border = light.is_beam() && !self.border.is_of_beam();
             let entry = if at_border { first } else { points.last().copied().unwrap_or(y) };

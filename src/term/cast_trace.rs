@@ -326,7 +326,7 @@ impl Traces {
 
 /// Whether the picture shows light of a sheet that is scattered on its surface and has `more` scatterings after that.
 fn is_shown(cx: &Context, sheet: &Sheet, more: u32) -> bool {
-    let order = sheet.links.len() as u32 + 1 + more;
+    let order = sheet.route.len() as u32 + 1 + more;
     order >= cx.set.min_order && order < cx.set.max_depth
 }
 

@@ -98,7 +98,7 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
                 s.name
             ),
             format!(
-                "make it of flat faces (a cube, or a convex mesh of at most {FACETS} faces with face_normals), {extent}"
+                "make it of flat faces (a cube, or a convex mesh of at most {FACETS} faces with face_normals; or a ball of metal, by itself), {extent}"
             ),
         ),
         Some(s) => (

@@ -12,6 +12,7 @@ pub mod beam_spot;
 pub mod beam_start;
 pub mod cast;
 mod cast_border;
+mod cast_route;
 mod cast_sheet;
 mod cast_trace;
 pub mod contact;

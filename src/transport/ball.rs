@@ -26,19 +26,14 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
     for b in &scene.balls {
         let surface = scene.surface_of(b.shape);
         for (id, light) in scene.lights.iter().enumerate() {
-            // A position, or the direction toward infinity.
-            let (from, far) = match light.origin() {
-                Some(Origin::Position(q)) => (q.value(), false),
-                Some(Origin::Infinity(w)) => (-w.value(), true),
-                None => continue,
-            };
-            let local = if far { from } else { from - b.center };
-            b.ball.ways(local, far, s.o - b.center, interfaces, Some(&mut s.rng), |way| found.push(way));
+            let Some(from) = light.origin() else { continue };
+            let (source, far) = b.source(from);
+            b.ball.ways(source, far, s.o - b.center, interfaces, Some(&mut s.rng), |way| found.push(way));
             for way in found.drain(..) {
                 if s.depth + (way.points.len() as u32) < w.set.min_order {
                     continue;
                 }
-                let Some((way, points)) = b.way(surface, id as u32, (from, far), &way, s.o) else { continue };
+                let Some((way, points)) = b.way(surface, id as u32, from, &way, s.o) else { continue };
                 let Some(&first) = points.last() else { continue };
                 let Some(emission) = light.emission_toward(first) else { continue };
                 pane::score(w, s, vertex, &Found { way: &way, points: &points, emission });
@@ -48,20 +43,38 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
 }
 
 impl BallOf {
+    /// The way of a light that is mirrored from outside, and its point; `None` where nothing is left of the light.
+    pub fn mirrored_way(
+        &self,
+        scene: &Scene,
+        light: u32,
+        from: Origin<f64>,
+        x: DVec3,
+    ) -> Option<(Way, SmallVec<[DVec3; 4]>)> {
+        let mut found = None;
+        let (source, far) = self.source(from);
+        self.ball.ways(source, far, x - self.center, 1, None, |way| found = Some(way));
+        self.way(scene.surface_of(self.shape), light, from, &found?, x)
+    }
+
     /// As a beam's way to x, and its points from the last one to the first; `None` where nothing is left of the light.
     pub fn way(
         &self,
         surface: &Surface,
         light: u32,
-        (from, far): (DVec3, bool),
+        from: Origin<f64>,
         way: &BallWay,
         x: DVec3,
     ) -> Option<(Way, SmallVec<[DVec3; 4]>)> {
         let at = |k: usize| self.center + way.points[k];
         let n = way.points.len();
-        let start_inside = !far && (from - self.center).length() < self.ball.radius;
+        let (start_inside, mut before) = match from {
+            Origin::Position(q) => {
+                ((q.value() - self.center).length() < self.ball.radius, (at(0) - q.value()).normalize())
+            }
+            Origin::Infinity(w) => (false, w.value()),
+        };
         let mut gain = Rgb::splat(way.gain);
-        let mut before = if far { -from } else { (at(0) - from).normalize() };
         let mut steps = Vec::with_capacity(n);
         for k in 0..n {
             let behind = if k + 1 < n { at(k + 1) - at(k) } else { x - at(k) }.normalize();

@@ -83,7 +83,7 @@ impl Passage {
             }
         });
         let (_, way) = nearest?;
-        let (way, _) = b.way(scene.surface_of(b.shape), light, (q, false), &way, self.x)?;
+        let (way, _) = b.way(scene.surface_of(b.shape), light, Origin::Position(V3::constant(q)), &way, self.x)?;
         Some(way.gain.mean())
     }
 }
@@ -140,7 +140,7 @@ fn by_a_ball<R: Recorder>(
     b.ball.ways(q.p - b.center, false, s.o - b.center, MOST as u32, None, |way| found.push(way));
     for way in found {
         if counts(w, s, way.points.len()) {
-            let way = b.way(w.scene.surface_of(b.shape), lamp.light, (q.p, false), &way, s.o);
+            let way = b.way(w.scene.surface_of(b.shape), lamp.light, Origin::Position(V3::constant(q.p)), &way, s.o);
             if let Some((way, points)) = way {
                 score(w, s, vertex, (lamp, q), By::Ball, way, &points);
             }

@@ -1,4 +1,4 @@
-//! How a connection by flat smooth faces ([`super::pane`], [`super::chain`]) changes ([T] 6.2). All about its way is [`super::flat_way`]'s, in dual numbers over whatever moves.
+//! How a connection by flat smooth faces ([`super::pane`], [`super::chain`]), or by a ball of metal ([`super::ball`]), changes ([T] 6.2). All about its way is [`super::smooth_way`]'s, in dual numbers over whatever moves.
 //!
 //! *As its light moves* ([`partials`], the counterpart of [`super::aim`]): the vertex x and the faces stay where they are. The points of crossing slide over the faces, (46); directions and lengths of all lines, the light's share (42) and G (47)
 //! follow, in dual numbers over the light's position, or over its direction if it is at infinity. What is left are scores on what turns:
@@ -14,10 +14,10 @@
 
 use super::aim::{self, Line, Turn};
 use super::first::FilmLine;
-use super::flat_way::{Face, Faces, FlatWay, Matter};
 use super::motion::{Chained, Moving};
 use super::piece::{Piece, Stop};
 use super::ray::MovingRay;
+use super::smooth_way::{Face, Faces, Form, Matter, SmoothWay};
 use super::specular;
 use super::velocity::{Source, Velocity};
 use crate::light::{Light, LightKind, Origin, spot_falloff};
@@ -26,10 +26,11 @@ use crate::math::{DMat3, DVec3, Dual, Rgb, V3, fresnel, gradient};
 use crate::params::{Covector, ParamSet, Sink, Slot};
 use crate::scene::beams::Step;
 use crate::scene::{Hit, On, Scene};
+use crate::shape::Shape;
 use crate::surface::Surface;
 use smallvec::SmallVec;
 
-/// Numbers that a way is differentiated by at once: of its ends the vertex and the light; of a face a point, its normal, and the indices behind its front side and before it.
+/// Numbers that a way is differentiated by at once: of its ends the vertex and the light; of a face a point and its normal, of a ball its centre and a point on it, and the indices behind its front side and before it.
 const NUMBERS: usize = 8;
 const LIGHT: usize = 3;
 const NORMAL: usize = 3;
@@ -44,6 +45,22 @@ enum Group {
     Face(usize),
 }
 
+/// What tells where a face is.
+enum Vectors {
+    /// A point, and the normal.
+    Plane([DVec3; 2]),
+    /// The centre, and a point on it.
+    Ball([DVec3; 2]),
+}
+
+/// `is_idle`: a plane that does nothing.
+fn vectors(scene: &Scene, s: &Step, is_idle: bool) -> Vectors {
+    match &scene.shapes[s.shape as usize].shape {
+        Shape::Sphere(q) if !is_idle => Vectors::Ball([q.center, s.p]),
+        _ => Vectors::Plane([s.p, s.n]),
+    }
+}
+
 /// Steps of a way from a light of this origin to x, one of which may be a plane that does nothing.
 fn way(
     scene: &Scene,
@@ -51,13 +68,20 @@ fn way(
     points: [DVec3; 2],
     from: Origin<f64>,
     group: Group,
-) -> Option<FlatWay<D>> {
+) -> Option<SmoothWay<D>> {
     let ends = group == Group::Ends;
     let at = |v: DVec3, first: usize| if ends { V3::variable(v, first) } else { V3::constant(v) };
     let face = |(i, s): (usize, &Step)| {
         let own = group == Group::Face(i);
         let at = |v: DVec3, first: usize| if own { V3::variable(v, first) } else { V3::constant(v) };
         let index = |v: f64, k: usize| if own { D::variable(v, INDICES + k) } else { D::constant(v) };
+        let form = match vectors(scene, s, idle == Some(i)) {
+            Vectors::Plane([p, n]) => Form::Plane { p: at(p, 0), n: at(n, NORMAL) },
+            Vectors::Ball([center, rim]) => {
+                let within = s.before.dot(rim - center) > 0.0;
+                Form::Ball { center: at(center, 0), rim: at(rim, NORMAL), within }
+            }
+        };
         let matter = match scene.surface_of(s.shape) {
             _ if idle == Some(i) => Matter::Dielectric([D::constant(1.0); 2]),
             Surface::Dielectric { interior, exterior, .. } => {
@@ -67,7 +91,7 @@ fn way(
             Surface::Conductor { eta, k, .. } => Matter::Conductor { eta: *eta, k: *k },
             _ => return None,
         };
-        Some(Face { p: at(s.p, 0), n: at(s.n, NORMAL), through: s.through, matter })
+        Some(Face { form, through: s.through, matter })
     };
     let from = match from {
         Origin::Position(q) => Origin::Position(at(q.value(), LIGHT)),
@@ -132,7 +156,7 @@ pub fn partials(scene: &Scene, params: &ParamSet, (aim, steps): (&WayAim, &[Step
 }
 
 /// How the optical depth of all lines changes, by each of the light's three numbers.
-fn depths(scene: &Scene, (aim, steps): (&WayAim, &[Step]), way: &FlatWay<D>, mut add: impl FnMut(usize, Rgb)) {
+fn depths(scene: &Scene, (aim, steps): (&WayAim, &[Step]), way: &SmoothWay<D>, mut add: impl FnMut(usize, Rgb)) {
     let mut rng = aim.rng;
     let (mut o, mut on, mut medium) = (V3::<D>::constant(aim.x), aim.on, aim.medium);
     // Back from x.
@@ -163,7 +187,7 @@ struct Part {
     vectors: SmallVec<[Velocity; 2]>,
     /// The dielectric's slots that change.
     indices: [Option<Slot>; 2],
-    way: FlatWay<D>,
+    way: SmoothWay<D>,
 }
 
 type Parts = SmallVec<[Part; 4]>;
@@ -193,7 +217,10 @@ fn add_faces(
 ) -> Option<()> {
     for (i, s) in steps.iter().enumerate().filter(|(i, _)| idle != Some(*i)) {
         let matter = Source::Shape { shape: s.shape, face: s.face };
-        let own = moving.moves(s.shape).then(|| [Velocity::of(matter, s.p), Velocity::of_normal(matter, s.p, s.n)]);
+        let own = moving.moves(s.shape).then(|| match vectors(scene, s, false) {
+            Vectors::Plane([p, n]) => [Velocity::of(matter, p), Velocity::of_normal(matter, p, n)],
+            Vectors::Ball(points) => points.map(|p| Velocity::of(matter, p)),
+        });
         let indices = match *scene.surface_of(s.shape) {
             Surface::Dielectric { slot, .. } => [slot, slot + 1].map(|s| Some(s).filter(|s| moving.is_index(*s))),
             _ => [None; 2],
@@ -208,7 +235,7 @@ fn add_faces(
 }
 
 /// How a vector of the way moves.
-fn velocity(parts: &[Part], of: impl Fn(&FlatWay<D>) -> V3<D>) -> Velocity {
+fn velocity(parts: &[Part], of: impl Fn(&SmoothWay<D>) -> V3<D>) -> Velocity {
     let mut sum = Velocity::default();
     for part in parts {
         let v = of(&part.way);
@@ -229,7 +256,7 @@ pub struct Slide<'a> {
     steps: (&'a [Step], Option<usize>),
     points: [DVec3; 2],
     plane: usize,
-    ends: FlatWay<D>,
+    ends: SmoothWay<D>,
 }
 
 impl<'a> Slide<'a> {
@@ -287,7 +314,7 @@ impl<'a> WayConnection<'a> {
         Some(WayConnection { scene, light, steps, x, value, parts })
     }
 
-    fn way(&self) -> &FlatWay<D> {
+    fn way(&self) -> &SmoothWay<D> {
         &self.parts[0].way
     }
 
@@ -296,7 +323,7 @@ impl<'a> WayConnection<'a> {
         -self.way().w[self.steps.len()].value()
     }
 
-    fn velocity(&self, of: impl Fn(&FlatWay<D>) -> V3<D>) -> Velocity {
+    fn velocity(&self, of: impl Fn(&SmoothWay<D>) -> V3<D>) -> Velocity {
         velocity(&self.parts, of)
     }
 

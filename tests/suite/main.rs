@@ -33,6 +33,7 @@ mod light_motion;
 mod light_shadow;
 mod manifold;
 mod mirror;
+mod mirror_balls;
 mod motion_fields;
 mod moving_grids;
 mod moving_media;

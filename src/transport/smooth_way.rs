@@ -1,8 +1,8 @@
-//! Light by given flat smooth faces to a point, as all of it moves ([T] 6.2).
+//! Light by given smooth faces, flat ones and balls, to a point, as all of it moves ([T] 6.2).
 //!
-//! A ray leaves the light by two coordinates u: of its direction, or of its place across parallel light. With it go its derivatives by them ([T] (41) and the plane's share of (46)): on to a plane of normal n, which it meets at the
-//! cosine c, `∂t = <n, ∂o + t ∂ω>/c`; mirrored there `∂ω' = ∂ω + 2 ∂c n`; refracted `ω' = η ω + a n`, `∂ω' = η ∂ω + a_c ∂c n`, `a_c = -η a/q`, with `∂c = -<n, ∂ω>`. The area across the ray at the end that
-//! `du` spreads over gives G (47) for any number of planes. In dual numbers the ray misses the moving end x by what one Newton step with a constant slope puts right (46): the ray of that step, in dual numbers, is the way in motion, and everything about it is read off.
+//! A ray leaves the light by two coordinates u: of its direction, or of its place across parallel light. With it go its derivatives by them ([T] (41) and (46)): on to a face of normal n, which it meets at the
+//! cosine c, `∂t = <n, ∂o + t ∂ω>/c`, where a ball's normal turns by `∂n = ∂o'/r`; mirrored there `∂ω' = ∂ω + 2 ∂c n + 2 c ∂n`; refracted `ω' = η ω + a n`, `∂ω' = η ∂ω + a_c ∂c n + a ∂n`, `a_c = -η a/q`,
+//! with `∂c = -<n, ∂ω> - <∂n, ω>`. The area across the ray at the end that `du` spreads over gives G (47) for any number of faces. In dual numbers the ray misses the moving end x by what one Newton step with a constant slope puts right (46): the ray of that step, in dual numbers, is the way in motion, and everything about it is read off.
 
 use crate::light::Origin;
 use crate::math::fresnel::{self, Interface};
@@ -20,14 +20,58 @@ pub enum Matter<R> {
     },
 }
 
+/// The surface of a face.
+#[derive(Clone, Copy, Debug)]
+pub enum Form<R> {
+    /// A point of it, and its unit normal, on either side.
+    Plane { p: V3<R>, n: V3<R> },
+    /// Its centre, and a point on it; whether light meets it from within.
+    Ball { center: V3<R>, rim: V3<R>, within: bool },
+}
+
 /// A face on the way.
 #[derive(Clone, Copy, Debug)]
 pub struct Face<R> {
-    /// On it, and its unit normal, on either side.
-    pub p: V3<R>,
-    pub n: V3<R>,
+    pub form: Form<R>,
     pub through: bool,
     pub matter: Matter<R>,
+}
+
+/// Where a line meets a face.
+struct Met<R> {
+    t: R,
+    /// Against the line, and the cosine there.
+    n: V3<R>,
+    c: R,
+    /// By what n turns per length along the face; none of a plane.
+    bend: Option<R>,
+}
+
+impl<R: Real> Form<R> {
+    /// `None` where a line misses a ball.
+    fn met(&self, o: V3<R>, w: V3<R>) -> Option<Met<R>> {
+        match *self {
+            Form::Plane { p, n } => {
+                let c = n.dot(w);
+                let (n, c) = if c.value() > 0.0 { (-n, c) } else { (n, -c) };
+                Some(Met { t: n.dot(o - p) / c, n, c, bend: None })
+            }
+            Form::Ball { center, rim, within } => {
+                let (from, radius) = (o - center, (rim - center).length());
+                let along = from.dot(w);
+                let across = from - w * along;
+                let half = radius * radius - across.dot(across);
+                if half.value() <= 0.0 {
+                    return None;
+                }
+                let half = half.sqrt();
+                let t = if within { half - along } else { -half - along };
+                let outward = (from + w * t) * radius.recip();
+                let (n, bend) = if within { (-outward, -radius.recip()) } else { (outward, radius.recip()) };
+                Some(Met { t, n, c: half * radius.recip(), bend: Some(bend) })
+            }
+        }
+    }
 }
 
 /// Faces that light meets in turn on its way to x.
@@ -43,7 +87,7 @@ pub struct Faces<R> {
 
 /// The way.
 #[derive(Clone, Debug)]
-pub struct FlatWay<R> {
+pub struct SmoothWay<R> {
     /// Points on the faces, from the light on.
     pub at: SmallVec<[V3<R>; 4]>,
     /// Directions before, between and behind them, and distances there; the first infinite for a light at infinity.
@@ -57,15 +101,15 @@ pub struct FlatWay<R> {
 }
 
 impl<R: Real> Faces<R> {
-    /// The way in motion, near the one that `before` and `first` tell; `None` where there is none: in total reflection, or where it grazes a plane.
-    pub fn way(&self) -> Option<FlatWay<R>> {
+    /// The way in motion, near the one that `before` and `first` tell; `None` where there is none: in total reflection, or where it grazes a face.
+    pub fn way(&self) -> Option<SmoothWay<R>> {
         let still = self.ray([R::zero(); 2])?;
         let ([x, y], [[a, b], [c, d]]) = (still.misses, still.slope);
         let det = a * d - b * c;
         self.ray([(x * d - y * b) / det, (y * a - x * c) / det])
     }
 
-    fn ray(&self, by: [R; 2]) -> Option<FlatWay<R>> {
+    fn ray(&self, by: [R; 2]) -> Option<SmoothWay<R>> {
         let (a, b) = warp::frame(self.before);
         let frame: [V3<R>; 2] = [V3::constant(a), V3::constant(b)];
         let off = frame[0] * by[0] + frame[1] * by[1];
@@ -83,7 +127,7 @@ impl<R: Real> Faces<R> {
                 slopes = frame.map(|a| (a, none));
             }
         }
-        let mut way = FlatWay {
+        let mut way = SmoothWay {
             at: SmallVec::new(),
             w: SmallVec::from_slice(&[w]),
             lengths: SmallVec::new(),
@@ -92,15 +136,19 @@ impl<R: Real> Faces<R> {
             slope: [[0.0; 2]; 2],
         };
         for face in &self.list {
-            let c = face.n.dot(w);
-            let (n, c) = if c.value() > 0.0 { (-face.n, c) } else { (face.n, -c) };
-            let t = n.dot(o - face.p) / c;
+            let Met { t, n, c, bend } = face.form.met(o, w)?;
             o = o + w * t;
-            let cosines = slopes.map(|(_, w)| -n.dot(w));
-            slopes = slopes.map(|(start, turn)| {
-                let along = start + turn * t;
-                (along + w * (n.dot(along) / c), turn)
+            // Along the face, and how the normal turns with that.
+            let along = slopes.map(|(start, turn)| {
+                let moved = start + turn * t;
+                moved + w * (n.dot(moved) / c)
             });
+            let turned = bend.map(|by| along.map(|v| v * by));
+            let mut cosines = slopes.map(|(_, turn)| -n.dot(turn));
+            if let Some(turned) = turned {
+                cosines = [0, 1].map(|i| cosines[i] - turned[i].dot(w));
+            }
+            slopes = [0, 1].map(|i| (along[i], slopes[i].1));
             let share = match face.matter {
                 Matter::Dielectric([n0, n1]) => {
                     let interface = Interface::new(c, n0, n1);
@@ -109,8 +157,9 @@ impl<R: Real> Faces<R> {
                         let (a, q, eta) = (interface.bend()?, interface.cos_refracted()?, interface.eta);
                         w = (w * eta + n * a).normalize();
                         let by_cosine = -(eta * a) / q;
-                        for ((_, turn), c) in slopes.iter_mut().zip(cosines) {
-                            *turn = *turn * eta + n * (by_cosine * c);
+                        for (i, (_, turn)) in slopes.iter_mut().enumerate() {
+                            *turn = *turn * eta + n * (by_cosine * cosines[i]);
+                            turned.iter().for_each(|by| *turn = *turn + by[i] * a);
                         }
                     }
                     [if face.through { -f + 1.0 } else { f }; 3]
@@ -121,7 +170,10 @@ impl<R: Real> Faces<R> {
             };
             if !face.through {
                 w = w + n * (c * 2.0);
-                slopes.iter_mut().zip(cosines).for_each(|((_, turn), c)| *turn = *turn + n * (c * 2.0));
+                for (i, (_, turn)) in slopes.iter_mut().enumerate() {
+                    *turn = *turn + n * (cosines[i] * 2.0);
+                    turned.iter().for_each(|by| *turn = *turn + by[i] * (c * 2.0));
+                }
             }
             way.gain = std::array::from_fn(|i| way.gain[i] * share[i]);
             way.at.push(o);
@@ -150,5 +202,5 @@ impl<R: Real> Faces<R> {
 }
 
 #[cfg(test)]
-#[path = "flat_way_tests.rs"]
+#[path = "smooth_way_tests.rs"]
 mod tests;

@@ -1,12 +1,16 @@
 use super::*;
 use crate::math::Dual;
+use crate::math::ball_ways::Ball;
 
 type D = Dual<8>;
+
+/// The centre of a ball of radius 0.4.
+const BALL: DVec3 = DVec3::new(0.1, 0.0, -0.2);
 
 const GLASS: Matter<f64> = Matter::Dielectric([1.0, 1.5]);
 
 /// A way, near one that may be off by much.
-fn settled(mut faces: Faces<f64>) -> FlatWay<f64> {
+fn settled(mut faces: Faces<f64>) -> SmoothWay<f64> {
     for _ in 0..60 {
         let way = faces.way().unwrap();
         (faces.before, faces.first) = (way.w[0].value(), way.at[0].value());
@@ -18,7 +22,8 @@ fn settled(mut faces: Faces<f64>) -> FlatWay<f64> {
 #[test]
 fn the_reference_geometry_factor_in_motion() {
     let (p, x) = (DVec3::new(0.3, 0.2, 1.2), DVec3::new(-0.2, 0.1, -0.8));
-    let plane = |matter| Face { p: V3::constant(DVec3::ZERO), n: V3::constant(DVec3::Z), through: true, matter };
+    let form = Form::Plane { p: V3::constant(DVec3::ZERO), n: V3::constant(DVec3::Z) };
+    let plane = |matter| Face { form, through: true, matter };
     let faces = Faces {
         from: Origin::Position(V3::constant(p)),
         before: -DVec3::Z,
@@ -29,7 +34,8 @@ fn the_reference_geometry_factor_in_motion() {
     let at = settled(faces).at[0].value();
     assert!((at - DVec3::new(-0.03497444, 0.13300511, 0.0)).length() < 1e-8, "{at:?}");
     let (z, index) = (DVec3::Z, Matter::Dielectric([D::constant(1.0), D::variable(1.33, 6)]));
-    let face = Face { p: V3::constant(DVec3::ZERO), n: V3::constant(z), through: true, matter: index };
+    let form = Form::Plane { p: V3::constant(DVec3::ZERO), n: V3::constant(z) };
+    let face = Face { form, through: true, matter: index };
     let faces = Faces {
         from: Origin::Position(V3::variable(p, 3)),
         before: (at - p).normalize(),
@@ -47,16 +53,60 @@ fn the_reference_geometry_factor_in_motion() {
     }
 }
 
+/// [T] D4, the sphere: dG/dn.
+#[test]
+fn the_reference_geometry_factor_of_a_ball_in_motion() {
+    let (p, x) = (DVec3::new(0.5, 0.8, 2.0), DVec3::new(0.2, -0.1, 0.3));
+    let first = DVec3::new(0.34199455, 0.17381811, 0.92348633);
+    let ball = Form::Ball { center: V3::constant(DVec3::ZERO), rim: V3::constant(DVec3::Z), within: false };
+    let n = D::variable(1.5, 6);
+    let faces = Faces {
+        from: Origin::Position(V3::constant(p)),
+        before: (first - p).normalize(),
+        first,
+        list: SmallVec::from_slice(&[Face { form: ball, through: true, matter: Matter::Dielectric([D::one(), n]) }]),
+        x: V3::constant(x),
+    };
+    let way = faces.way().unwrap();
+    assert!((way.at[0].value() - first).length() < 1e-8, "{way:?}");
+    let share = -Interface::new(-way.w[0].dot(way.at[0]), D::one(), n).reflectance() + 1.0;
+    let g = way.gain[0] / share;
+    assert!((g.v - 0.501025758131).abs() < 1e-8, "{g:?}");
+    assert!((g.d[6] - 0.4838993851).abs() < 1e-7, "{g:?}");
+}
+
+/// Where light meets the ball first on its way by it to x.
+fn by_ball(list: &[Face<f64>], from: Origin<f64>, x: DVec3) -> DVec3 {
+    let is_metal = matches!(list[0].matter, Matter::Conductor { .. });
+    let ball = Ball { radius: 0.4, index: [1.0, 1.5], is_metal };
+    let (source, far) = match from {
+        Origin::Position(q) => (q.value() - BALL, false),
+        Origin::Infinity(w) => (-w.value(), true),
+    };
+    let mut found = None;
+    ball.ways(source, far, x - BALL, list.len() as u32, None, |way| {
+        if way.through.iter().eq(list.iter().map(|f| &f.through)) {
+            found = Some(BALL + way.points[0]);
+        }
+    });
+    found.unwrap()
+}
+
 /// Everything that a way carries, by all its numbers, against differences: one face and more, refracting and mirroring, also right below a light, from a position and from infinity.
 #[test]
 fn ways_in_motion() {
     let metal = Matter::Conductor { eta: Rgb([0.2, 0.9, 1.2]), k: Rgb::splat(2.5) };
     let face = |z: f64, tilt: f64, through: bool, matter: Matter<f64>| {
         let n = V3::constant(DVec3::new(tilt, -0.1, 1.0).normalize());
-        Face { p: V3::constant(DVec3::new(0.1, 0.0, z)), n, through, matter }
+        Face { form: Form::Plane { p: V3::constant(DVec3::new(0.1, 0.0, z)), n }, through, matter }
+    };
+    let ball = |within: bool, through: bool, matter: Matter<f64>| {
+        let [center, rim] = [BALL, BALL + DVec3::new(0.0, 0.0, 0.4)].map(V3::constant);
+        Face { form: Form::Ball { center, rim, within }, through, matter }
     };
     let out = Matter::Dielectric([1.5, 1.1]);
-    let chains: [(Vec<Face<f64>>, f64); 5] = [
+    let inward = Matter::Dielectric([1.5, 1.0]);
+    let flat: [(Vec<Face<f64>>, f64); 5] = [
         (vec![face(0.2, 0.2, true, GLASS)], -0.9),
         (vec![face(0.2, 0.2, false, metal)], 0.9),
         (vec![face(0.2, 0.1, true, GLASS), face(-0.3, 0.0, true, out)], -0.9),
@@ -71,25 +121,40 @@ fn ways_in_motion() {
             -0.9,
         ),
     ];
+    let at = |x, y, z| DVec3::new(x, y, z);
+    let flat = flat.map(|(list, z)| (list, [at(-0.5, 0.8, z), at(0.4, -0.3, z)]));
+    let round = [
+        (vec![ball(false, false, metal)], [at(-0.5, 0.8, 0.9), at(1.4, -0.3, 0.2)]),
+        (vec![ball(false, true, GLASS)], [at(0.15, 0.05, -0.3), at(0.0, 0.1, -0.1)]),
+        (vec![ball(false, true, GLASS), ball(true, true, inward)], [at(0.1, 0.1, -0.7), at(0.05, 0.12, -0.75)]),
+        (
+            vec![ball(false, true, GLASS), ball(true, false, inward), ball(true, true, inward)],
+            [at(0.2, -0.2, 1.0), at(0.3, 0.0, 0.8)],
+        ),
+    ];
+    let chains: Vec<_> = flat.into_iter().chain(round).collect();
     let light = DVec3::new(0.4, -0.3, 1.4);
     let far = DVec3::new(0.3, 0.4, -1.0).normalize();
     let mut compared = 0;
-    for ((list, z), from) in chains
+    for ((list, ends), from) in chains
         .iter()
         .flat_map(|c| [Origin::Position(V3::constant(light)), Origin::Infinity(V3::constant(far))].map(|f| (c, f)))
     {
-        for x in [DVec3::new(-0.5, 0.8, *z), DVec3::new(0.4, -0.3, *z)] {
-            let first = DVec3::new(0.1, 0.0, 0.2);
+        for &x in ends {
+            let first = match list[0].form {
+                Form::Plane { .. } => DVec3::new(0.1, 0.0, 0.2),
+                Form::Ball { .. } => by_ball(list, from, x),
+            };
             let before = if matches!(from, Origin::Infinity(_)) { far } else { (first - light).normalize() };
             let faces = Faces { from, before, first, list: SmallVec::from_slice(list), x: V3::constant(x) };
             let found = settled(faces.clone());
             let (before, first) = (found.w[0].value(), found.at[0].value());
-            let numbers = |w: &FlatWay<f64>| {
+            let numbers = |w: &SmoothWay<f64>| {
                 let vectors = w.at.iter().chain(&w.w).flat_map(|v| v.value().to_array());
                 let lengths = w.lengths.iter().copied().filter(|l| l.is_finite());
                 vectors.chain(w.gain).chain(lengths).collect::<Vec<f64>>()
             };
-            let slopes = |w: &FlatWay<D>, k: usize| {
+            let slopes = |w: &SmoothWay<D>, k: usize| {
                 let vectors = w.at.iter().chain(&w.w).flat_map(|v| [v.x.d[k], v.y.d[k], v.z.d[k]]);
                 let lengths = w.lengths.iter().filter(|l| l.v.is_finite()).map(|l| l.d[k]);
                 vectors.chain(w.gain.map(|g| g.d[k])).chain(lengths).collect::<Vec<f64>>()
@@ -105,8 +170,10 @@ fn ways_in_motion() {
                             Origin::Position(q) => shift(q, k - 3),
                             Origin::Infinity(w) => shift(w, k - 3),
                         },
-                        (Some(i), 0..3) => shift(&mut to.list[i].p, k),
-                        (Some(i), 3..6) => shift(&mut to.list[i].n, k - 3),
+                        (Some(i), 0..6) => match &mut to.list[i].form {
+                            Form::Plane { p, n } => shift(if k < 3 { p } else { n }, k % 3),
+                            Form::Ball { center, rim, .. } => shift(if k < 3 { center } else { rim }, k % 3),
+                        },
                         (Some(i), k) => match &mut to.list[i].matter {
                             Matter::Dielectric(index) => index[k - 6] += h,
                             Matter::Conductor { .. } => return None,
@@ -119,9 +186,14 @@ fn ways_in_motion() {
                 let lift = |v: V3<f64>, on: bool, first: usize| {
                     if on { V3::variable(v.value(), first) } else { V3::constant(v.value()) }
                 };
+                let form = |(i, f): (usize, Form<f64>)| match f {
+                    Form::Plane { p, n } => Form::Plane { p: lift(p, own(i), 0), n: lift(n, own(i), 3) },
+                    Form::Ball { center, rim, within } => {
+                        Form::Ball { center: lift(center, own(i), 0), rim: lift(rim, own(i), 3), within }
+                    }
+                };
                 let lifted = |(i, f): (usize, &Face<f64>)| Face {
-                    p: lift(f.p, own(i), 0),
-                    n: lift(f.n, own(i), 3),
+                    form: form((i, f.form)),
                     through: f.through,
                     matter: match f.matter {
                         Matter::Dielectric([a, b]) if own(i) => {
@@ -149,7 +221,10 @@ fn ways_in_motion() {
                         let axis = match (unit, group) {
                             (false, _) => DVec3::ZERO,
                             (true, 0) => far,
-                            (true, g) => list[g - 1].n.value(),
+                            (true, g) => match list[g - 1].form {
+                                Form::Plane { n, .. } => n.value(),
+                                Form::Ball { .. } => DVec3::ZERO,
+                            },
                         };
                         let t = DVec3::from_array(tangent);
                         let t = t - axis * axis.dot(t);
@@ -187,8 +262,7 @@ fn ways_in_motion() {
 #[test]
 fn pencils_spread_as_their_rays_do() {
     let slab = |z: f64, index: [f64; 2]| Face {
-        p: V3::constant(DVec3::new(0.0, 0.0, z)),
-        n: V3::constant(DVec3::Z),
+        form: Form::Plane { p: V3::constant(DVec3::new(0.0, 0.0, z)), n: V3::constant(DVec3::Z) },
         through: true,
         matter: Matter::Dielectric(index),
     };
