@@ -50,7 +50,7 @@ pub fn has_known_borders(p: &Parts<f64>, s: &ShapePart<f64>) -> bool {
     }
 }
 
-/// Whether this, of metal, is all that mirrors or refracts.
+/// Whether this, of metal, is all that mirrors or refracts. Lights within it are the scene's matter (`cast_route::lone_mirror`).
 fn is_lone_mirror(p: &Parts<f64>, s: &ShapePart<f64>) -> bool {
     let smooth = p.shapes.iter().filter(|s| is_smooth(p, s.surface)).count();
     smooth == 1 && !s.flip_normals && matches!(p.surfaces[s.surface], SurfacePart::Conductor { .. })

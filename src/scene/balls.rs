@@ -4,7 +4,7 @@ use super::beams::Step;
 use super::{Instance, Scene};
 use crate::light::{LightKind, Origin};
 use crate::math::DVec3;
-use crate::math::ball_ways::Ball;
+use crate::math::ball_ways::{Ball, BallWay};
 use crate::shape::Shape;
 use crate::surface::Surface;
 
@@ -23,15 +23,19 @@ impl BallOf {
     pub fn begins_beside(&self, position: DVec3, direction: DVec3) -> bool {
         (self.center - position).dot(direction).abs() < self.ball.radius
     }
-}
 
-impl BallOf {
-    /// Where light of this origin is mirrored on its way to z, from outside to outside.
-    pub fn mirrored(&self, from: Origin<f64>, z: DVec3) -> Option<DVec3> {
+    /// How light of this origin is mirrored on its way to z, from outside to outside.
+    pub fn mirrored(&self, from: Origin<f64>, z: DVec3) -> Option<BallWay> {
         let mut found = None;
         let (source, far) = self.source(from);
-        self.ball.ways(source, far, z - self.center, 1, None, |way| found = way.points.first().copied());
-        found.map(|p| self.center + p)
+        self.ball.ways(source, far, z - self.center, 1, None, |way| found = Some(way));
+        found
+    }
+
+    /// How near a line along w by o comes to the centre ahead of o, squared.
+    pub fn nearest_squared(&self, o: DVec3, w: DVec3) -> f64 {
+        let from = o - self.center;
+        from.length_squared() - from.dot(w).min(0.0).powi(2)
     }
 
     /// A source as the ball sees it: its position, or the direction toward infinity.
@@ -42,18 +46,17 @@ impl BallOf {
         }
     }
 
-    /// How light that comes along w by o, from outside, is mirrored, and where; `None` where it misses the ball.
+    /// How light that comes along w by o, outside, is mirrored by its front, and where; `None` where it misses the ball.
     pub fn mirror(&self, o: DVec3, w: DVec3) -> Option<(Step, DVec3)> {
         let from = o - self.center;
         let along = from.dot(w);
         let half = self.ball.radius.powi(2) - (from - w * along).length_squared();
-        if half <= 0.0 || along >= 0.0 {
+        if half <= 0.0 || along >= 0.0 || from.length() <= self.ball.radius {
             return None;
         }
         let p = o - w * (along + half.sqrt());
-        let outward = (p - self.center) / self.ball.radius;
-        let behind = (w - outward * (2.0 * outward.dot(w))).normalize();
-        let n = if self.flipped { -outward } else { outward };
+        let n = (p - self.center) / self.ball.radius;
+        let behind = (w - n * (2.0 * n.dot(w))).normalize();
         Some((Step { shape: self.shape, face: 0, p, n, before: w, behind, through: false }, p))
     }
 }

@@ -1,6 +1,6 @@
-//! Where lights without extent, and beams that something cuts, begin and cease to shine by a way of flat smooth faces: at the border of a face that light meets, or of one that comes between, or at the rim or outline of something opaque and round (terms G of [T] section 3, by way of interfaces).
+//! Where lights without extent, and beams that something cuts, begin and cease to shine by a way of flat smooth faces, or of a ball of metal: at the border of a face that light meets, or of one that comes between, or at the rim or outline of something opaque and round, or of the ball (terms G of [T] section 3, by way of interfaces).
 //!
-//! By given planes light comes to every point y in one way at most ([`crate::math::fermat`]), and all that it brings is smooth in the places of all ([`crate::transport::way_motion`]), but at y whose way
+//! By given planes ([`crate::math::fermat`]), or the ball, light comes to every point y in one way at most, and all that it brings is smooth in the places of all ([`crate::transport::way_motion`]), but at y whose way
 //! goes by such a border (`cast_border`). These y form a *sheet*: rays from the points z of the border, which light comes to by the planes before it and leaves by those behind. A face that stands between counts as a plane
 //! that does nothing. A path's span crosses a sheet where it meets one of its rays. Points of the span move with ẋ; there light grows by
 //!
@@ -14,7 +14,7 @@
 //! Where two faces in turn share an edge, light passes both at one point of it: such a border is the first one's alone.
 
 use super::cast_border;
-use super::cast_route::is_lone_mirror;
+use super::cast_route::lone_mirror;
 use super::cast_sheet::{Met, Sheet, around, count, of_light};
 use super::cast_trace::Traces;
 use super::interfaces::{self, FACETS};
@@ -139,7 +139,7 @@ pub fn unknown<'a>(scene: &'a Scene, motion: &'a Motion) -> impl Iterator<Item =
         let smooth = scene.surface_of(id).is_smooth();
         match &s.shape {
             Shape::Cube(_) => true,
-            Shape::Sphere(_) => !smooth || is_lone_mirror(scene, id),
+            Shape::Sphere(_) => !smooth || lone_mirror(scene).is_some(),
             Shape::Cylinder(_) | Shape::Disk(_) => !smooth,
             // One of glass bounds a half-space, whose border has to be out of sight.
             Shape::Rectangle(_) => !(smooth && scene.surface_of(id).is_transparent()),
@@ -183,7 +183,7 @@ pub fn check(scene: &Scene, motion: &Motion) -> Result<()> {
     let borders = cast_border::borders(scene, &motion.rims);
     let sheets: usize = lights.map(|id| count(scene, &borders, id)).sum();
     if sheets > SHEETS {
-        let first = &scene.shapes[scene.chains.faces[0].shape as usize];
+        let first = &scene.shapes[borders[0].own().0 as usize];
         let what = format!(
             "light without extent ends at the borders of `{}` and others in {sheets} ways, more than {SHEETS}: too many to differentiate",
             first.name
@@ -298,7 +298,7 @@ impl Casts {
             let m = met.m;
             let [by_end, by_light] = slide.by_ends(m);
             let slope = by_end.dot(span.w);
-            let off = by_end * (sheet.border.aside(scene) / by_end.length_squared());
+            let off = by_end * (sheet.aside(scene) / by_end.length_squared());
             let at = |y: DVec3| (y, On::default(), Some(span.medium));
             let sides = [p + off, p - off].map(|y| sheet.arrives(scene, met.first, at(y), &mut tally.unsettled));
             let medium = &scene.media[span.medium as usize];

@@ -1,10 +1,10 @@
-//! What casts shadows of lights without extent by way of flat faces ([`super::cast`]): edges of what is smooth or opaque, and of what is opaque rims and the outlines of balls and walls (cylinders). Of a hard-edged beam its own edge, a circle, is such a border, too.
+//! What casts shadows of lights without extent by way of flat faces, or of a ball of metal ([`super::cast`]): edges of what is smooth or opaque, of what is opaque rims and the outlines of balls and walls (cylinders), and the outline of a ball of metal. Of a hard-edged beam its own edge, a circle, is such a border, too.
 //!
 //! An outline is where light touches the surface, `<w(z), N(z)> = 0` with w the light's direction at z: one place on each meridian of a ball, counted from where light meets it first, and two at each height of a wall. Its sheet has
 //! the surface's normal there, so that f = <x_k - e, N> tells it as it tells that of an edge (an edge's own plane is across the edge, an outline's across the light), and e moves with the surface's matter.
 
 use super::cast::is_opaque;
-use super::cast_route::is_lone_mirror;
+use super::cast_route::lone_mirror;
 use super::cast_sheet::Grazed;
 use super::ends;
 use super::rims::Rim;
@@ -300,8 +300,8 @@ pub fn borders(scene: &Scene, rims: &[Rim]) -> Vec<Border> {
     }
     // Within a plane there is none.
     found.retain(|b| !matches!(b.into[..], [a, c] if a.dot(c) < FLAT - 1.0));
-    // Of light, what mirrors is a shadow's cause too.
-    let blocks = |id: u32, s: &Instance| is_opaque(scene, s) || is_lone_mirror(scene, id);
+    let mirror = lone_mirror(scene).map(|b| b.shape);
+    let blocks = |id: u32, s: &Instance| is_opaque(scene, s) || mirror == Some(id);
     for (id, s) in (0..).zip(&scene.shapes).filter(|(id, s)| blocks(*id, s)) {
         match s.shape {
             Shape::Sphere(q) => {

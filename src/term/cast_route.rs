@@ -23,19 +23,22 @@ pub type Taken = SmallVec<[(Step, DVec3); MOST]>;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Route {
     Faces(SmallVec<[Link; MOST]>),
-    /// Of the scene's list.
-    Mirror(u32),
+    /// The only one of the scene ([`lone_mirror`]).
+    Mirror,
 }
 
-/// Whether a shape is a ball of metal that mirrors light from outside, and all that does anything like that: so much light does there, and no more, is told here.
-pub fn is_lone_mirror(scene: &Scene, shape: u32) -> bool {
+/// A ball of metal that mirrors light from outside, where nothing else mirrors or refracts: light that goes on from it meets nothing of that kind.
+pub fn lone_mirror(scene: &Scene) -> Option<&BallOf> {
     let smooth = |s: &&Instance| scene.surfaces[s.surface as usize].is_smooth();
-    let alone = || scene.shapes.iter().filter(smooth).count() == 1;
-    let outside = |b: &BallOf| {
-        let stands = scene.lights.iter().filter_map(|l| l.stands());
-        !b.flipped && b.ball.is_metal && stands.into_iter().all(|q| (q - b.center).length() > b.ball.radius)
-    };
-    scene.balls.iter().find(|b| b.shape == shape).is_some_and(|b| outside(b) && alone())
+    let stands = || scene.lights.iter().filter_map(|l| l.stands());
+    let outside = |b: &BallOf| stands().all(|q| (q - b.center).length() > b.ball.radius);
+    let mirrors = |b: &&BallOf| b.ball.is_metal && !b.flipped && outside(b);
+    scene.balls.first().filter(mirrors).filter(|_| scene.shapes.iter().filter(smooth).count() == 1)
+}
+
+/// That of [`Route::Mirror`].
+pub fn mirror(scene: &Scene) -> &BallOf {
+    &scene.balls[0]
 }
 
 /// All ways of a light, each with how often it is asked for, and the bodies that the light is in.
@@ -64,17 +67,16 @@ pub fn of_light(scene: &Scene, id: u32) -> (Vec<(Route, f64)>, Set) {
     });
     let listed = scene.chains.list.iter().filter(|c| c.light == id);
     let listed = listed.map(|c| (Route::Faces(c.links.clone()), c.asked));
-    let mirrors = (0..).zip(&scene.balls).filter(|(_, b)| is_lone_mirror(scene, b.shape));
-    let mirrors = mirrors.map(|(k, _)| (Route::Mirror(k), 1.0));
+    let mirror = lone_mirror(scene).map(|_| (Route::Mirror, 1.0));
     let straight = (Route::Faces(SmallVec::new()), 1.0);
-    (std::iter::once(straight).chain(single).chain(listed).chain(mirrors).collect(), begins)
+    (std::iter::once(straight).chain(single).chain(listed).chain(mirror).collect(), begins)
 }
 
 impl Route {
     pub fn len(&self) -> usize {
         match self {
             Route::Faces(links) => links.len(),
-            Route::Mirror(_) => 1,
+            Route::Mirror => 1,
         }
     }
 
@@ -82,7 +84,7 @@ impl Route {
     pub fn links(&self) -> &[Link] {
         match self {
             Route::Faces(links) => links,
-            Route::Mirror(_) => &[],
+            Route::Mirror => &[],
         }
     }
 
@@ -104,7 +106,7 @@ impl Route {
                 let f = &scene.chains.faces[links[k].face as usize];
                 (f.shape, f.face)
             }
-            Route::Mirror(ball) => (scene.balls[*ball as usize].shape, 0),
+            Route::Mirror => (mirror(scene).shape, 0),
         }
     }
 
@@ -125,9 +127,10 @@ impl Route {
             (_, Origin::Position(q)) if at == 0 => (z - q.value()).try_normalize().map_or(Found::None, Found::Found),
             (_, Origin::Infinity(w)) if at == 0 => Found::Found(w.value()),
             (Route::Faces(links), _) => chain::arrival(scene, &scene.chains, &links[..at], from, z, false),
-            (Route::Mirror(ball), _) => {
-                let b = &scene.balls[*ball as usize];
-                b.mirrored(from, z).map_or(Found::None, |p| Found::Found((z - p).normalize()))
+            (Route::Mirror, _) => {
+                let ball = mirror(scene);
+                let met = ball.mirrored(from, z).map(|way| ball.center + way.points[0]);
+                met.map_or(Found::None, |p| Found::Found((z - p).normalize()))
             }
         }
     }
@@ -144,9 +147,9 @@ impl Route {
                 let (steps, points, _) = chain::steps(scene, &scene.chains, &links[..at], (z, w), false)?;
                 Some((steps, points))
             }
-            Route::Mirror(_) if at == 0 => Some(Default::default()),
-            Route::Mirror(ball) => {
-                let (back, p) = scene.balls[*ball as usize].mirror(z, -w)?;
+            Route::Mirror if at == 0 => Some(Default::default()),
+            Route::Mirror => {
+                let (back, p) = mirror(scene).mirror(z, -w)?;
                 let step = Step { before: -back.behind, behind: w, ..back };
                 Some((vec![step], SmallVec::from_iter([p])))
             }
@@ -157,9 +160,9 @@ impl Route {
     pub fn behind(&self, scene: &Scene, at: usize, (z, w): (DVec3, DVec3)) -> Option<(Taken, Ray)> {
         let mut ray = Ray { o: z, w };
         let mut steps = Taken::new();
-        if let Route::Mirror(ball) = self {
+        if let Route::Mirror = self {
             if at == 0 {
-                let (step, p) = scene.balls[*ball as usize].mirror(z, w)?;
+                let (step, p) = mirror(scene).mirror(z, w)?;
                 ray = Ray { o: p, w: step.behind };
                 steps.push((step, p));
             }
@@ -193,7 +196,10 @@ impl Route {
     ) -> Option<(Way, SmallVec<[DVec3; MOST]>)> {
         match self {
             Route::Faces(links) => chain::way(scene, &scene.chains, (light, links), from, y, unsettled),
-            Route::Mirror(ball) => scene.balls[*ball as usize].mirrored_way(scene, light, from, y),
+            Route::Mirror => {
+                let ball = mirror(scene);
+                ball.way(scene.surface_of(ball.shape), light, from, &ball.mirrored(from, y)?, y)
+            }
         }
     }
 }

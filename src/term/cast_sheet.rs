@@ -12,6 +12,7 @@ use crate::math::fermat;
 use crate::math::fold::Fold;
 use crate::math::root::{dip, positive, root};
 use crate::math::{DVec3, Rgb};
+use crate::scene::balls::BallOf;
 use crate::scene::beams::{FAINT, Step};
 use crate::scene::bodies::Set;
 use crate::scene::chains::MOST;
@@ -23,6 +24,7 @@ use rayon::prelude::*;
 use smallvec::SmallVec;
 use std::cell::Cell;
 use std::collections::HashMap;
+use std::f64::consts::PI;
 
 /// Pieces of an edge at least, between whose ends rays are interpolated.
 const PIECES: usize = 16;
@@ -30,6 +32,10 @@ const PIECES: usize = 16;
 const AROUND: usize = 48;
 /// Pieces at least of what lies within a beam.
 const STRAIGHT: usize = 16;
+/// Pieces of what lies before a ball.
+const ACROSS: usize = 32;
+/// Share of a ball's radius.
+const NEAR: f64 = 3e-4;
 /// Further ones are halved so often toward where the light is nearest: near to glass little of it may be let in.
 const HALVED: i32 = 12;
 /// Halvings that find where rays of a sheet end.
@@ -205,6 +211,15 @@ impl Sheet {
         (scatters && (hit.p - z).length() > ends::contact(scene)).then_some((hit, ray.w, grazed))
     }
 
+    /// How far from the border on either side light is asked for: a ball that it meets next magnifies that.
+    pub fn aside(&self, scene: &Scene) -> f64 {
+        let most = match self.route {
+            Route::Mirror if self.at == 0 => NEAR * cast_route::mirror(scene).ball.radius,
+            _ => f64::INFINITY,
+        };
+        self.border.aside(scene).min(most)
+    }
+
     /// Across the sheet where its ray by a place of the border has gone `t` along w: `None` where there is no ray beside it.
     pub fn across(&self, scene: &Scene, s: f64, t: f64, w: DVec3) -> Option<DVec3> {
         let at = |s: f64| self.ray(scene, s).map(|r| r.o + r.w * t);
@@ -267,8 +282,21 @@ impl Sheet {
                 let reach = radius * if gaussian { FAINT } else { 1.0 };
                 self.places_in_beam(scene, (position, direction), reach)
             }
+            _ if self.at == 0 && self.route == Route::Mirror => self.places_before(scene, cast_route::mirror(scene)),
             _ => vec![self.places_of_all(scene)],
         }
+    }
+
+    /// Those whose light meets a ball. It is mirrored every way within, and turns the faster the nearer it comes to the ball's outline, like the root of the distance.
+    fn places_before(&self, scene: &Scene, ball: &BallOf) -> Vec<Vec<f64>> {
+        let r2 = ball.ball.radius.powi(2);
+        let within = |s: f64| match self.place(scene, s, &mut 0) {
+            Some(Place { z, comes, .. }) => r2 - ball.nearest_squared(z, comes),
+            None => -r2,
+        };
+        let graded = |k: usize| 0.5 - 0.5 * (PI * k as f64 / ACROSS as f64).cos();
+        let on = |[a, b]: [f64; 2]| (0..=ACROSS).map(|k| a + (b - a) * graded(k)).collect();
+        positive(within, self.border.is_closed()).into_iter().map(on).collect()
     }
 
     /// Those within a beam of this radius. Its rays by a straight border lie in a plane.
@@ -298,8 +326,13 @@ impl Sheet {
     fn places_of_all(&self, scene: &Scene) -> Vec<f64> {
         let count = if self.border.is_closed() { AROUND } else { PIECES };
         let mut places: Vec<f64> = (0..=count).map(|k| k as f64 / count as f64).collect();
-        let light = scene.lights[self.light as usize].center().filter(|_| self.at == 0);
-        if let Some((q, &[a, b])) = light.zip(self.border.ends()) {
+        // Where light seems to come from.
+        let near = match self.route {
+            _ if self.at == 0 => scene.lights[self.light as usize].center(),
+            Route::Mirror => Some(cast_route::mirror(scene).center),
+            Route::Faces(_) => None,
+        };
+        if let Some((q, &[a, b])) = near.zip(self.border.ends()) {
             let foot = (q - a).dot(b - a) / (b - a).length_squared();
             let graded = (1..=HALVED).flat_map(|k| [-1.0, 1.0].map(|side| foot + side * 0.5f64.powi(k)));
             places.extend(graded.chain([foot]).filter(|s| *s > 0.0 && *s < 1.0));

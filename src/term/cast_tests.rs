@@ -61,11 +61,12 @@ fn rims_and_walls(light: &str) -> Scene {
     ))
 }
 
-/// A ball of metal with a bar and a ball beside it, in haze.
+/// A ball of metal with a bar and a ball beside it, and a bar above it that is much longer than it, in haze.
 fn mirror_ball(light: &str) -> Scene {
     compiled(&format!(
         r#"<shape type="sphere"><point name="center" value="-0.1, 0.1, -0.2"/><float name="radius" value="0.6"/><bsdf type="conductor"/></shape>
       <shape type="cube"><transform name="to_world"><scale x="0.05" y="0.3" z="0.1"/><rotate z="1" angle="10"/><translate x="0.8" y="-0.2"/></transform><bsdf type="diffuse"/></shape>
+      <shape type="cube"><transform name="to_world"><scale x="0.04" y="30" z="0.04"/><rotate z="1" angle="30"/><translate x="-4.1" y="7.2" z="0.9"/></transform><bsdf type="diffuse"/></shape>
       <shape type="sphere"><point name="center" value="0.3, -0.2, 1.1"/><float name="radius" value="0.2"/></shape>{light}"#
     ))
 }
@@ -98,7 +99,7 @@ fn light_jumps_at_sheets_alone() {
         };
         let planes = |route: &Route| match route {
             Route::Faces(links) => Route::Faces(links.iter().map(|l| Link { face: first(l.face), ..*l }).collect()),
-            mirror => mirror.clone(),
+            Route::Mirror => Route::Mirror,
         };
         let mut ways: Vec<(Route, Vec<&(Route, f64)>)> = Vec::new();
         for way in &all {

@@ -1,4 +1,4 @@
-//! Where sheets of light by way of flat faces ([`super::cast_sheet`]) meet surfaces: curves across which what the surface sends jumps (term R of [T] section 3, by way of interfaces).
+//! Where sheets of light by way of flat faces, or of a ball of metal ([`super::cast_sheet`]) meet surfaces: curves across which what the surface sends jumps (term R of [T] section 3, by way of interfaces).
 //!
 //! On a surface f = <x_k - e, m> is a function of its points ([`super::cast`]), and so is a = <x_k, t>, t along the border: what the curve adds to `∫ g L dA` is
 //!
@@ -123,8 +123,8 @@ impl Spot<'_> {
         };
         let ([by_end, by_light], [by_along, _]) = (slide.by_ends(met.m), slide.by_ends(met.place.along));
         let slope = by_end - n * n.dot(by_end);
-        let off = slope.normalize_or_zero()
-            * (sheet.border.aside(scene) / slope.length()).min(FARTHEST * scene.bounds.radius());
+        let off =
+            slope.normalize_or_zero() * (sheet.aside(scene) / slope.length()).min(FARTHEST * scene.bounds.radius());
         let [more, less] = [off, -off].map(|off| {
             let h = scene.hit_at(self.hit.p + off, self.hit.shape, self.hit.face);
             sheet.arrives(scene, met.first, (h.p, On::at(&h), self.medium), &mut tally.unsettled)

@@ -122,7 +122,7 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
                 "`{name}` mirrors or refracts, and something moves: the shadows of the light `{light}` at it cannot be differentiated yet"
             ),
             format!(
-                "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes and convex meshes, of metal rectangles too, and of all else anything but meshes with vertex normals or more than 4096 faces; {extent}"
+                "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes and convex meshes, of metal rectangles too, or nothing but a ball of metal, and of all else anything but meshes with vertex normals or more than 4096 faces; {extent}"
             ),
         ),
     };

@@ -29,7 +29,7 @@ pub type Moves<'a> = &'a dyn Fn(&MediumSpan, DVec3) -> Velocity;
 pub fn record() -> PathRecord {
     let mut path = PathRecord::new();
     path.chunk = usize::MAX;
-    path.begin(None, Opening::default());
+    path.begin(None, &Opening::NEW);
     path
 }
 
@@ -60,7 +60,7 @@ pub fn walk<R: Recorder>(cx: &mut Context, film: [f64; 2], rng: Rng, rec: &mut R
 /// How its legs begin.
 pub fn starts(cx: &Context, rec: &PathRecord) -> Starts {
     let mut starts = Starts::default();
-    starts.find_all(cx.scene, cx.moving, rec, Opening::default());
+    starts.find_all(cx.scene, cx.moving, rec, &Opening::NEW);
     starts
 }
 

@@ -43,20 +43,6 @@ pub fn connect<R: Recorder>(w: &mut Walker<R>, s: &mut State, vertex: &Vertex) {
 }
 
 impl BallOf {
-    /// The way of a light that is mirrored from outside, and its point; `None` where nothing is left of the light.
-    pub fn mirrored_way(
-        &self,
-        scene: &Scene,
-        light: u32,
-        from: Origin<f64>,
-        x: DVec3,
-    ) -> Option<(Way, SmallVec<[DVec3; 4]>)> {
-        let mut found = None;
-        let (source, far) = self.source(from);
-        self.ball.ways(source, far, x - self.center, 1, None, |way| found = Some(way));
-        self.way(scene.surface_of(self.shape), light, from, &found?, x)
-    }
-
     /// As a beam's way to x, and its points from the last one to the first; `None` where nothing is left of the light.
     pub fn way(
         &self,

@@ -68,14 +68,14 @@ pub struct Backward {
 
 impl Starts {
     /// Legs of all events. `open`: how the leg that the record's events begin in has begun. Empty where nothing moves.
-    pub fn find_all(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening) {
+    pub fn find_all(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: &Opening) {
         self.counts.clear();
         self.counts.resize(rec.events.len(), true);
         self.list(scene, moving, rec, open, true);
     }
 
     /// Those that something was collected behind, of events that count. `goes_on`: something was collected behind the last event.
-    pub fn find(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening, goes_on: bool) {
+    pub fn find(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: &Opening, goes_on: bool) {
         let mut counts = goes_on;
         self.counts.clear();
         self.counts.resize(rec.events.len(), false);
@@ -90,7 +90,7 @@ impl Starts {
     }
 
     /// `whole`: with all that first vertices carry.
-    fn list(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: Opening, whole: bool) {
+    fn list(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: &Opening, whole: bool) {
         let Starts { list, counts } = self;
         list.clear();
         if !moving.any() {
@@ -108,9 +108,9 @@ impl Starts {
             );
             ray = line(scene, moving, &came).behind(&leg.end);
         }
-        let mut opening = open;
+        let mut opening = *open;
         let place = |known: bool| if known { At::Before } else { At::Nowhere };
-        let first = open.first.map(|_| Box::new(line(scene, moving, &ray).opening(&open)));
+        let first = open.first.map(|_| Box::new(line(scene, moving, &ray).opening(open)));
         let (begun, second) = (place(open.first.is_some()), place(open.second.is_some()));
         list.push(Start { begin: 0, place: begun, second, first, bare: false, ray, turned: None });
         let fresh = |begin, ray, turned| {

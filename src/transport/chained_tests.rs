@@ -35,7 +35,7 @@ fn with_paths(mut test: impl FnMut(&Scene, &Moving, &PathRecord, &Starts)) {
         let (o, w) = sensor.ray(8.0 * rng.uniform(), 8.0 * rng.uniform());
         let state = State::new(rng, o, w, sensor.medium);
         sweep.sample(&state, Rng::keyed(5, 2, 0, k), &mut rec, &mut Forward::new(&params), &mut Tally::default());
-        starts.find_all(&scene, &facts.moving, &rec, Opening::default());
+        starts.find_all(&scene, &facts.moving, &rec, &Opening::NEW);
         test(&scene, &facts.moving, &rec, &starts);
     }
 }

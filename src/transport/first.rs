@@ -136,14 +136,20 @@ impl Opening {
         }
     }
 
+    /// Of a path.
+    pub const NEW: Opening = Opening { first: None, second: None, last: None, legs: [0; 2], share: None };
+
+    /// A leg without a vertex yet.
+    fn begin(&mut self, legs: [u32; 2], share: Option<f64>) {
+        (self.first, self.second, self.last) = (None, None, None);
+        (self.legs, self.share) = (legs, share);
+    }
+
     /// After one more event.
     pub fn follow(&mut self, e: &Event) {
         let met = match *e {
-            Event::Chain => return *self = Opening { legs: [self.legs[1]; 2], ..Opening::default() },
-            Event::Specular(_) => {
-                let share = self.share;
-                return *self = Opening { legs: [self.legs[0], self.legs[1] + 1], share, ..Opening::default() };
-            }
+            Event::Chain => return self.begin([self.legs[1]; 2], None),
+            Event::Specular(_) => return self.begin([self.legs[0], self.legs[1] + 1], self.share),
             Event::Share(f) => return self.share = Some(f),
             Event::Scatter { p, .. } => Met::Medium(p),
             Event::Surface { hit, .. } => Met::Surface(hit),

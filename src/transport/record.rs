@@ -313,7 +313,9 @@ pub struct PathRecord {
     /// With the beginning of the chain that goes on there.
     pub chunk_starts: Vec<(State, Opening)>,
     /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
-    pub candidates: Option<Candidates>,
+    pub candidates: Option<Box<Candidates>>,
+    /// The box of those of an earlier path.
+    pub(super) spare: Option<Box<Candidates>>,
     /// Events held at a time.
     pub chunk: usize,
     /// Of the sweep that it is for.
@@ -346,6 +348,7 @@ impl PathRecord {
             far: Vec::new(),
             chunk_starts: Vec::new(),
             candidates: None,
+            spare: None,
             chunk: CHUNK,
             facts: None,
             lights_only: false,
@@ -385,14 +388,14 @@ impl PathRecord {
     }
 
     /// Ready for a new path, or for a chunk that begins so.
-    pub fn begin(&mut self, candidates: Option<Candidates>, opening: Opening) {
+    pub fn begin(&mut self, candidates: Option<Box<Candidates>>, opening: &Opening) {
         self.events.clear();
         self.side.clear();
         self.drawn.clear();
         self.steps.clear();
         self.far.clear();
         self.legs.truncate(opening.legs[1] as usize);
-        (self.opening, self.share) = (opening, opening.share);
+        (self.opening, self.share) = (*opening, opening.share);
         self.candidates = candidates;
     }
 }

@@ -260,7 +260,7 @@ pub struct Slide<'a> {
 }
 
 impl<'a> Slide<'a> {
-    /// On plane number `plane` of those that light meets in turn, beginning at the first of `points`, on its way to the second. One of the steps may be no face: it does nothing and stays.
+    /// On face number `plane` of those that light meets in turn, beginning at the first of `points`, on its way to the second. One of the steps may be no face: it does nothing and stays.
     pub fn new(
         scene: &'a Scene,
         from: Origin<f64>,
