@@ -149,11 +149,11 @@ impl Critical {
         if share == 0.0 {
             return None;
         }
-        let (u, v, z, end) = (rng.uniform() / share, rng.uniform(), rng.uniform(), rng.uniform());
-        let mut k = (u * self.sides as f64) as usize;
+        let mut k = (rng.uniform() / share * self.sides as f64) as usize;
         for b in &self.bodies {
             if let Some(side) = b.sides.get(k) {
-                return side.cone(b.eta, x).filter(|_| b.faces(x)).map(|c| c.sample(v, z, end));
+                let mut draw = || rng.uniform();
+                return side.cone(b.eta, x).filter(|_| b.faces(x)).map(|c| c.sample(draw(), draw(), draw()));
             }
             k -= b.sides.len();
         }

@@ -604,7 +604,7 @@ impl Sweep<'_> {
             return;
         }
         let weight = weight * (total / (selection * q));
-        let mut s = State::new(rng.clone(), DVec3::ZERO, DVec3::Z, None);
+        let mut s = State::new(*rng, DVec3::ZERO, DVec3::Z, None);
         s.depth = depth;
         let mut rec = NoRecord;
         let mut w = Walker::new(self.scene, self.set, &mut rec);
