@@ -78,7 +78,7 @@ pub fn unlit(p: &Parts<f64>, of_light: &'static str) -> Option<Cause> {
     match round.filter(|_| !panes) {
         Some(s) => Some(Cause::of_shape(
             s,
-            "in light without extent glass and mirrors must have flat faces, or be a single ball of metal: make it a cube or a mesh; or use an area light, an environment or, where nothing is opaque, a collimated beam",
+            "in light without extent glass and mirrors must have flat faces, or be a ball of metal (normals outward) and nothing else: make it a cube or a mesh; or use an area light, an environment or, where nothing is opaque, a collimated beam",
         )),
         None => Some(Cause::of_light(light, of_light)),
     }

@@ -1,4 +1,4 @@
-//! Directions near the critical angles of smooth interfaces.
+//! Directions near the critical angles of smooth interfaces, and near the outlines of balls of metal.
 //!
 //! Beside the critical angle what goes through an interface falls like q, the cosine of refraction, and its derivative by the index, or by anything that moves the vertex before or the interface,
 //! grows like 1/q ([T] section 9). Directions of a phase function meet q with the density `q dq`, so that the second moment of such a score grows like a logarithm of the number of samples:
@@ -12,6 +12,8 @@
 //! ```text
 //! p(ω) = p(q) s² |μ| / (2π q).
 //! ```
+//!
+//! *The outline of a ball of metal*, seen from outside, is such a cone, of `s = ρ/R`, with q the cosine at which rays meet the ball: by it rays turn with what moves like 1/q.
 
 use super::{Instance, Scene};
 use crate::math::rng::Rng;
@@ -60,7 +62,7 @@ impl Body {
     }
 }
 
-/// All interfaces that have a critical angle which is such a cone; empty where no parameter asks.
+/// All that has such cones; empty where there is none.
 #[derive(Clone, Debug, Default)]
 pub struct Critical {
     bodies: Vec<Body>,
@@ -197,7 +199,14 @@ fn planes(shape: &Shape) -> Option<Vec<(DVec3, DVec3)>> {
 }
 
 fn body(scene: &Scene, s: &Instance) -> Option<Body> {
-    let Surface::Dielectric { interior, exterior, .. } = scene.surfaces[s.surface as usize] else { return None };
+    let (interior, exterior) = match (&scene.surfaces[s.surface as usize], &s.shape) {
+        (Surface::Dielectric { interior, exterior, .. }, _) => (*interior, *exterior),
+        (Surface::Conductor { .. }, Shape::Sphere(q)) => {
+            let side = Side::Sphere { center: q.center, radius: q.radius, dense_inside: false };
+            return Some(Body { sides: vec![side], eta: 1.0, is_within: false });
+        }
+        _ => return None,
+    };
     let (dense_behind, eta) = (interior > exterior, (interior / exterior).max(exterior / interior));
     if eta == 1.0 {
         return None;
@@ -234,6 +243,7 @@ mod tests {
             (Side::Plane { p: DVec3::ZERO, n: DVec3::Z }, 1.5),
             (Side::Sphere { center: DVec3::new(0.2, 0.0, -1.0), radius: 2.0, dense_inside: true }, 1.01),
             (Side::Sphere { center: DVec3::new(0.0, 3.0, -1.0), radius: 1.0, dense_inside: false }, 1.3),
+            (Side::Sphere { center: DVec3::new(-1.0, 0.0, -3.0), radius: 0.7, dense_inside: false }, 1.0),
         ];
         Critical::new(
             sides.map(|(s, eta)| Body { sides: vec![s], eta, is_within: matches!(s, Side::Plane { .. }) }).to_vec(),

@@ -17,6 +17,7 @@ use crate::scene::panes::PARALLEL;
 use crate::scene::{Instance, Scene};
 use crate::shape::triangles::triangles;
 use crate::shape::{Geometry, Shape};
+use crate::surface::Surface;
 use rayon::prelude::*;
 use std::cell::OnceCell;
 
@@ -91,6 +92,17 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
     let round = unknown().next().filter(|_| !unknown().any(is_pane));
     let extent = "or give the light an extent: an area light, an environment, or media that emit";
     let (at, what, remedy) = match round {
+        Some(s) if is_metal_ball(scene, s) => (
+            s,
+            format!(
+                "light of `{light}` is mirrored by the ball `{}`, and something moves: how that light moves can be told where nothing else mirrors or refracts, outward normals and lights outside of the ball alone",
+                s.name
+            ),
+            match scene.shapes.iter().find(|o| smooth(o) && o.name != s.name) {
+                Some(other) => format!("take `{}` out, or make it rough, {extent}", other.name),
+                None => format!("keep flip_normals off and lights outside, {extent}"),
+            },
+        ),
         Some(s) if smooth(s) => (
             s,
             format!(
@@ -127,6 +139,11 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
         ),
     };
     Error::scene(&at.span, what, &remedy)
+}
+
+fn is_metal_ball(scene: &Scene, s: &Instance) -> bool {
+    let is_metal = matches!(scene.surfaces[s.surface as usize], Surface::Conductor { .. });
+    matches!(s.shape, Shape::Sphere(_)) && is_metal
 }
 
 /// Whether its outline may be seen by way of an interface.

@@ -2,6 +2,10 @@
 
 use crate::common::*;
 use tyndall::math::fresnel::conductor;
+use tyndall::render::driver::{Job, Mode};
+use tyndall::render::plan::Terms;
+use tyndall::scene::Scene;
+use tyndall::scene::critical::Critical;
 
 const ETA: f64 = 0.4;
 const K: f64 = 3.0;
@@ -146,6 +150,24 @@ fn a_spot_on_a_ball_beside_a_bar_against_differences() {
     against_differences(&text, &place, &["all"], 1 << 15, 0.01);
 }
 
+/// By what light that comes by the ball's outline scores, cones around that have a second moment ([`tyndall::scene::critical`]).
+#[test]
+fn outlines_are_looked_beside() {
+    let text = beside_a_ball(SPOT).replace(r#"value="0.3, 0.25, 0.2""#, r#"value="0.8""#);
+    let (desc, mut sc) = scene(&text);
+    let p = params(&desc, &sc, &["cam"]);
+    let terms = Terms::parse(&["interior".to_string()]).unwrap();
+    let error = |sc: &Scene| {
+        let job = Job { terms: terms.clone(), ..job(sc, 1 << 16, 3, Mode::Forward(&p)) };
+        estimate(&job.run(&|_| {}).unwrap(), 1).error[0]
+    };
+    let with = error(&sc);
+    sc.critical = Critical::default();
+    let without = error(&sc);
+    println!("{with} {without}");
+    assert!(without > 1.5 * with, "{with} {without}");
+}
+
 #[test]
 fn a_sun_on_a_ball_against_differences() {
     let sun = r#"<emitter type="directional"><vector name="direction" value="$x, 0.3, -1"/><rgb name="irradiance" value="3, 2.5, 2"/></emitter>"#;
@@ -169,7 +191,7 @@ fn others_are_refused() {
         let names = ["b".to_string()];
         let planned = tyndall::render::plan::Plan::new(&desc, &names).and_then(|p| p.refuse());
         let p = sc.param_set(&desc, &names).unwrap();
-        let ran = job(&sc, 4, 1, tyndall::render::driver::Mode::Forward(&p)).run(&|_| {});
+        let ran = job(&sc, 4, 1, Mode::Forward(&p)).run(&|_| {});
         let told = planned.err().or(ran.err()).map(|e| e.to_string()).unwrap_or_default();
         assert!(told.contains("ball"), "{told}");
     };
