@@ -297,7 +297,7 @@ fn outlines(scene: &Scene, motion: &Motion) -> Result<()> {
             return Err(Error::scene(
                 &s.span,
                 what,
-                "leave out --orders and hide_emitters; beside fog and surfaces, set max_depth to -1",
+                "set max_depth to -1, beside fog and surfaces; leave out --orders and hide_emitters",
             ));
         }
     }
