@@ -151,11 +151,11 @@ impl Critical {
         if share == 0.0 {
             return None;
         }
-        let mut k = (rng.uniform() / share * self.sides as f64) as usize;
+        let (u, v, z, end) = (rng.uniform() / share, rng.uniform(), rng.uniform(), rng.uniform());
+        let mut k = (u * self.sides as f64) as usize;
         for b in &self.bodies {
             if let Some(side) = b.sides.get(k) {
-                let mut draw = || rng.uniform();
-                return side.cone(b.eta, x).filter(|_| b.faces(x)).map(|c| c.sample(draw(), draw(), draw()));
+                return side.cone(b.eta, x).filter(|_| b.faces(x)).map(|c| c.sample(v, z, end));
             }
             k -= b.sides.len();
         }
@@ -201,7 +201,7 @@ fn planes(shape: &Shape) -> Option<Vec<(DVec3, DVec3)>> {
 fn body(scene: &Scene, s: &Instance) -> Option<Body> {
     let (interior, exterior) = match (&scene.surfaces[s.surface as usize], &s.shape) {
         (Surface::Dielectric { interior, exterior, .. }, _) => (*interior, *exterior),
-        (Surface::Conductor { .. }, Shape::Sphere(q)) => {
+        (Surface::Conductor { two_sided, .. }, Shape::Sphere(q)) if *two_sided || !s.is_inside_out() => {
             let side = Side::Sphere { center: q.center, radius: q.radius, dense_inside: false };
             return Some(Body { sides: vec![side], eta: 1.0, is_within: false });
         }

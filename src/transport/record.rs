@@ -313,9 +313,7 @@ pub struct PathRecord {
     /// With the beginning of the chain that goes on there.
     pub chunk_starts: Vec<(State, Opening)>,
     /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
-    pub candidates: Option<Box<Candidates>>,
-    /// The box of those of an earlier path.
-    pub(super) spare: Option<Box<Candidates>>,
+    pub candidates: Option<Candidates>,
     /// Events held at a time.
     pub chunk: usize,
     /// Of the sweep that it is for.
@@ -348,7 +346,6 @@ impl PathRecord {
             far: Vec::new(),
             chunk_starts: Vec::new(),
             candidates: None,
-            spare: None,
             chunk: CHUNK,
             facts: None,
             lights_only: false,
@@ -388,7 +385,7 @@ impl PathRecord {
     }
 
     /// Ready for a new path, or for a chunk that begins so.
-    pub fn begin(&mut self, candidates: Option<Box<Candidates>>, opening: &Opening) {
+    pub fn begin(&mut self, candidates: Option<Candidates>, opening: &Opening) {
         self.events.clear();
         self.side.clear();
         self.drawn.clear();

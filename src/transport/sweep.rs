@@ -179,14 +179,6 @@ impl Candidates {
         Candidates { rng, total: 0.0, chosen: None, by_vertex: 0.0, by_score: 0.0, unbounded: 0 }
     }
 
-    /// Those of a path, in the box of an earlier one.
-    fn begin(spare: Option<Box<Candidates>>, rng: Rng) -> Box<Candidates> {
-        let Some(mut own) = spare else { return Box::new(Candidates::new(rng)) };
-        own.rng = rng;
-        (own.total, own.chosen, own.by_vertex, own.by_score, own.unbounded) = (0.0, None, 0.0, 0.0, 0);
-        own
-    }
-
     /// The camera line had an unbounded vacuum without a candidate.
     pub fn note_unbounded(&mut self, facts: &SweepFacts, medium: u32) {
         self.unbounded += u64::from(facts.media[medium as usize].source);
@@ -335,8 +327,7 @@ impl Sweep<'_> {
         let aside = state.rng.beside(derivative.next_u64());
         let spans = derivative.next_u64();
         rec.scattered = Rgb::ZERO;
-        let candidates = Candidates::begin(rec.spare.take(), derivative);
-        rec.begin(Some(candidates), &Opening::NEW);
+        rec.begin(Some(Candidates::new(derivative)), &Opening::NEW);
         let first = || {
             let mut first = state.clone();
             (first.drawn, first.aside) = (beside.then_some(0), aside);
@@ -374,8 +365,7 @@ impl Sweep<'_> {
             after = self.backward(rec, open(k), after, &mut back, &mut lottery, sink);
         }
         (rec.chunk_starts, rec.back) = (starts, Some(back));
-        self.derivative_vertex(&mut candidates, sink, tally);
-        rec.spare = Some(candidates);
+        self.derivative_vertex(candidates, sink, tally);
         value
     }
 
@@ -593,10 +583,10 @@ impl Sweep<'_> {
     }
 
     /// The vertex's share of the source derivative: one forced continuation [T] (65).
-    fn derivative_vertex(&self, c: &mut Candidates, sink: &mut impl Sink, tally: &mut Tally) {
+    fn derivative_vertex(&self, c: Candidates, sink: &mut impl Sink, tally: &mut Tally) {
         tally.unbounded_vacuum += c.unbounded;
-        let &mut Candidates { ref mut rng, total, by_vertex, by_score, .. } = c;
-        let Some((vertex, weight, depth, selection)) = c.chosen else { return };
+        let Candidates { mut rng, total, chosen, by_vertex, by_score, .. } = c;
+        let Some((vertex, weight, depth, selection)) = chosen else { return };
         // Continue in proportion to the share that this estimator carries; never less than one path in a thousand.
         // Scores of collisions and transmittances mostly cancel: their sum's square is as their number.
         let q = (CONTINUED * by_vertex / (by_vertex + by_score.sqrt())).clamp(1e-3, 1.0);
@@ -604,7 +594,7 @@ impl Sweep<'_> {
             return;
         }
         let weight = weight * (total / (selection * q));
-        let mut s = State::new(*rng, DVec3::ZERO, DVec3::Z, None);
+        let mut s = State::new(rng, DVec3::ZERO, DVec3::Z, None);
         s.depth = depth;
         let mut rec = NoRecord;
         let mut w = Walker::new(self.scene, self.set, &mut rec);
