@@ -55,36 +55,8 @@ enum At {
 #[derive(Default)]
 pub struct Starts {
     list: Vec<Start>,
-    /// Boxes of earlier ones.
-    spare: Spare,
     /// Of each event, whether its chain adds anything at it or behind it.
     counts: Vec<bool>,
-}
-
-/// What legs were kept in that are no more.
-#[expect(clippy::vec_box, reason = "the boxes are what is kept")]
-#[derive(Default)]
-struct Spare {
-    first: Vec<Box<First>>,
-    turned: Vec<Box<(Turned, bool)>>,
-}
-
-impl Spare {
-    fn take(&mut self, s: Start) {
-        self.first.extend(s.first);
-        self.turned.extend(s.turned);
-    }
-}
-
-/// In one of the boxes, if there is any.
-fn boxed<T>(spare: &mut Vec<Box<T>>, value: T) -> Box<T> {
-    match spare.pop() {
-        Some(mut own) => {
-            *own = value;
-            own
-        }
-        None => Box::new(value),
-    }
 }
 
 /// What paths one after the other go backward with.
@@ -119,8 +91,8 @@ impl Starts {
 
     /// `whole`: with all that first vertices carry.
     fn list(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: &Opening, whole: bool) {
-        let Starts { list, spare, counts } = self;
-        list.drain(..).for_each(|s| spare.take(s));
+        let Starts { list, counts } = self;
+        list.clear();
         if !moving.any() {
             return;
         }
@@ -138,7 +110,7 @@ impl Starts {
         }
         let mut opening = *open;
         let place = |known: bool| if known { At::Before } else { At::Nowhere };
-        let first = open.first.map(|_| boxed(&mut spare.first, line(scene, moving, &ray).opening(open)));
+        let first = open.first.map(|_| Box::new(line(scene, moving, &ray).opening(open)));
         let (begun, second) = (place(open.first.is_some()), place(open.second.is_some()));
         list.push(Start { begin: 0, place: begun, second, first, bare: false, ray, turned: None });
         let fresh = |begin, ray, turned| {
@@ -155,7 +127,7 @@ impl Starts {
                 let came = line(scene, moving, &last.ray).coming(last.first(), &opening, end);
                 let (ray, turned) = line(scene, moving, &came).turned(end);
                 let straight = matches!(last.place, At::Nowhere);
-                list.push(fresh(k, ray, Some(boxed(&mut spare.turned, (turned, straight)))));
+                list.push(fresh(k, ray, Some(Box::new((turned, straight)))));
             }
             opening.follow(e);
             if matches!(e, Event::Chain) {
@@ -169,7 +141,7 @@ impl Starts {
                 let known = known.map(|l| l.first().alone());
                 let Some(last) = list.last_mut() else { continue };
                 let first = known.unwrap_or_else(|| line(scene, moving, &last.ray).first_for(s, later));
-                (last.first, last.bare, last.place) = (Some(boxed(&mut spare.first, first)), bare, At::Event(k));
+                (last.first, last.bare, last.place) = (Some(Box::new(first)), bare, At::Event(k));
                 continue;
             }
             if let (false, Some(z)) = (begun[1], &opening.second) {
@@ -214,7 +186,7 @@ impl Starts {
             return None;
         }
         while self.list.len() > 1 && self.list.last().is_some_and(|s| k < s.begin) {
-            self.list.pop().into_iter().for_each(|s| self.spare.take(s));
+            self.list.pop();
         }
         self.list.last()
     }
