@@ -17,7 +17,7 @@ use crate::params::ParamSet;
 use crate::scene::Scene;
 use crate::term::{EdgeForm, Motion};
 use crate::transport::motion::Moving;
-use crate::transport::{State, Sweep, SweepFacts, border};
+use crate::transport::{Beginning, Sweep, SweepFacts, border};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -116,8 +116,8 @@ impl Job<'_> {
         }
     }
 
-    /// The state a sample of a pixel starts from, and its film point. The key holds the pixel of the whole film, so a crop has the same bits.
-    pub(super) fn state(&self, purpose: Purpose, x: usize, y: usize, sample: u64) -> (State, [f64; 2]) {
+    /// How a sample of a pixel begins, and its film point. The key holds the pixel of the whole film, so a crop has the same bits.
+    pub(super) fn beginning(&self, purpose: Purpose, x: usize, y: usize, sample: u64) -> (Beginning, [f64; 2]) {
         let sensor = &self.scene.sensors[self.sensor];
         let pixel = self.pixel_key(x, y);
         let film = self.scene.films[self.sensor];
@@ -126,7 +126,7 @@ impl Job<'_> {
         let (dx, dy) = (filter::sample(f, &mut rng), filter::sample(f, &mut rng));
         let point = [x as f64 + 0.5 + dx, y as f64 + 0.5 + dy];
         let (o, w) = sensor.ray(point[0], point[1]);
-        (State::new(rng, o, w, sensor.medium), point)
+        (Beginning::new(rng, o, w, sensor.medium), point)
     }
 
     pub(super) fn pixel_key(&self, x: usize, y: usize) -> u64 {

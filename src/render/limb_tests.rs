@@ -4,7 +4,7 @@ use crate::params::Forward;
 use crate::scene::compile::LoadOptions;
 use crate::scene::desc::SceneDesc;
 use crate::transport::record::Event;
-use crate::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
+use crate::transport::{Beginning, PathRecord, Sweep, SweepFacts, Tally};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -118,10 +118,10 @@ fn beside_a_block(s: f64, rest: &str, precision: f64) -> usize {
         let (mut sum, mut square) = ([0.0; 6], [0.0; 6]);
         key += 1;
         for k in 0..n {
-            let mut state = State::new(Rng::keyed(4, 1, key, k), o, w, sensor.medium);
-            state.poles = poles.clone();
+            let mut begin = Beginning::new(Rng::keyed(4, 1, key, k), o, w, sensor.medium);
+            begin.poles = poles.clone();
             let (mut sink, mut d) = (Forward::new(&params), vec![Rgb::ZERO; 2]);
-            sweep.sample(&state, Rng::keyed(4, 2, key, k), &mut rec, &mut sink, &mut tally);
+            sweep.sample(&begin, Rng::keyed(4, 2, key, k), &mut rec, &mut sink, &mut tally);
             sink.take(&mut d);
             shares += rec.events.iter().filter(|e| matches!(e, Event::Share(_))).count();
             for i in 0..6 {

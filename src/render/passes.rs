@@ -12,7 +12,7 @@ use crate::math::rng::{Purpose, Rng};
 use crate::params::Reverse;
 use crate::params::sink::DRAWS;
 use crate::transport::poles::Poles;
-use crate::transport::{self, State, Tally};
+use crate::transport::{self, Beginning, Tally};
 use smallvec::{SmallVec, smallvec};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -158,21 +158,21 @@ impl Job<'_> {
                 if s % LOOK == 0 && over() {
                     return false;
                 }
-                let (mut state, point) = self.state(Purpose::Path, x, y, s);
+                let (mut begin, point) = self.beginning(Purpose::Path, x, y, s);
                 let on_ray = tally.light_on_ray;
                 let poles = limbs.as_ref().map(|l| l.poles(point, None));
                 let weight = poles.as_ref().map_or(1.0, Poles::weight);
                 // On an outline itself nothing is left for the pixel.
-                state.poles = poles.filter(|p| media && weight > 0.0 && !p.list.is_empty()).map(Arc::new);
+                begin.poles = poles.filter(|p| media && weight > 0.0 && !p.list.is_empty()).map(Arc::new);
                 if let Some(r) = reverse {
                     self.weigh(r, &[(pixel, weight)]);
                 }
                 let value = match swept {
                     Some(swept) => {
                         let d = Rng::keyed(self.seed, Purpose::Derivative as u64, key, s);
-                        swept.path(&state, d, &mut one, reverse, &mut tally)
+                        swept.path(&begin, d, &mut one, reverse, &mut tally)
                     }
-                    None => transport::sample(self.scene, &self.scene.settings, state, &mut tally),
+                    None => transport::sample(self.scene, &self.scene.settings, &begin, &mut tally),
                 };
                 if tally.light_on_ray > on_ray {
                     if let Ok(mut first) = light_on_ray.lock() {
@@ -243,8 +243,8 @@ impl Job<'_> {
                 let (o, w) = sensor.ray(point[0], point[1]);
                 let stream = Rng::keyed(self.seed, Purpose::Derivative as u64, key, i);
                 let poles = media.then(|| Arc::new(poles));
-                let state = State { poles, ..State::new(rng, o, w, sensor.medium) };
-                swept.path(&state, stream, &mut d, reverse, &mut tally);
+                let begin = Beginning { poles, ..Beginning::new(rng, o, w, sensor.medium) };
+                swept.path(&begin, stream, &mut d, reverse, &mut tally);
                 if d.is_finite() && !reverse.as_mut().is_some_and(Reverse::take_nonfinite) {
                     pixels.iter().for_each(|(p, w)| swept.deposit(&d, *w, *p, film));
                 } else {

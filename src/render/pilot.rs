@@ -72,7 +72,7 @@ impl Job<'_> {
         let mut rng = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX, i);
         let x = (rng.uniform() * sensor.width as f64) as usize;
         let y = (rng.uniform() * sensor.height as f64) as usize;
-        let (state, _) = self.state(Purpose::Pilot, x, y, i);
+        let (begin, _) = self.beginning(Purpose::Pilot, x, y, i);
         let mut tally = Tally::default();
         let brightest = |told: &mut [f64], image: &[Rgb]| {
             told.iter_mut().zip(image).for_each(|(s, d)| *s = s.max(finite(d.abs().max())));
@@ -82,11 +82,11 @@ impl Job<'_> {
             (Some(sweep), Some(p)) => {
                 let mut sink = Gauge::new(p);
                 let d = Rng::keyed(self.seed, Purpose::Pilot as u64, u64::MAX - 1, i);
-                let found = effort::of(|| sweep.sample(&state, d, rec, &mut sink, &mut tally));
+                let found = effort::of(|| sweep.sample(&begin, d, rec, &mut sink, &mut tally));
                 brightest(&mut told.brightest[1..], &sink.forward.image);
                 (found, square(&sink.forward.image) + finite(sink.take_squares()))
             }
-            _ => (effort::of(|| transport::sample(self.scene, &self.scene.settings, state, &mut tally)), 0.0),
+            _ => (effort::of(|| transport::sample(self.scene, &self.scene.settings, &begin, &mut tally)), 0.0),
         };
         told.interior = rooms::Told::one(squared, work);
         brightest(&mut told.brightest[..1], &[value]);

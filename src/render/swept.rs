@@ -4,7 +4,7 @@ use super::film::Film;
 use crate::math::Rgb;
 use crate::math::rng::Rng;
 use crate::params::{Both, Forward, ParamSet, Reverse};
-use crate::transport::{PathRecord, State, Sweep, Tally};
+use crate::transport::{Beginning, PathRecord, Sweep, Tally};
 
 pub struct Swept<'a> {
     pub sweep: Sweep<'a>,
@@ -47,21 +47,21 @@ impl Swept<'_> {
     /// One path: its value, and its derivatives in `d`, or in `reverse` times the adjoint there.
     pub fn path(
         &self,
-        state: &State,
+        begin: &Beginning,
         stream: Rng,
         d: &mut Derivatives,
         reverse: &mut Option<Reverse>,
         tally: &mut Tally,
     ) -> Rgb {
         if let Some(r) = reverse {
-            return self.sweep.sample(state, stream, &mut d.rec, r, tally);
+            return self.sweep.sample(begin, stream, &mut d.rec, r, tally);
         }
         let mut all = Forward::new(self.sweep.params);
         let value = match self.borders {
-            None => self.sweep.sample(state, stream, &mut d.rec, &mut all, tally),
+            None => self.sweep.sample(begin, stream, &mut d.rec, &mut all, tally),
             Some(b) => {
                 let mut own = Forward::new(b);
-                let v = self.sweep.sample(state, stream, &mut d.rec, &mut Both(&mut all, &mut own), tally);
+                let v = self.sweep.sample(begin, stream, &mut d.rec, &mut Both(&mut all, &mut own), tally);
                 own.take(&mut d.borders);
                 v
             }

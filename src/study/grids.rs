@@ -15,7 +15,7 @@ use crate::medium::grid::vol::Vol;
 use crate::native::vdb;
 use crate::scene::compile::LoadOptions;
 use crate::scene::{Scene, SceneDesc};
-use crate::transport::{self, State, Tally};
+use crate::transport::{self, Beginning, Tally};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -133,8 +133,8 @@ pub fn transmittance(b: &mut Bench) -> Result<()> {
     // One path by itself: the film cannot hold what is below 1e-120.
     let alone = Subject::new(&s.text_with(View::T(1.0), &text), &[])?;
     let (o, w) = alone.scene.sensors[0].ray(0.5, 0.5);
-    let state = State::new(crate::math::rng::Rng::keyed(1, 1, 0, 0), o, w, None);
-    let value = transport::sample(&alone.scene, &alone.scene.settings, state, &mut Tally::default())[0];
+    let begin = Beginning::new(crate::math::rng::Rng::keyed(1, 1, 0, 0), o, w, None);
+    let value = transport::sample(&alone.scene, &alone.scene.settings, &begin, &mut Tally::default())[0];
     b.exact("T path", value, c.value, tolerance * c.value, "one path, without a film");
 
     let by_scale = match c.id.split('_').nth(1) {

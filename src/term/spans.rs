@@ -29,7 +29,7 @@ pub type Moves<'a> = &'a dyn Fn(&MediumSpan, DVec3) -> Velocity;
 pub fn record() -> PathRecord {
     let mut path = PathRecord::new();
     path.chunk = usize::MAX;
-    path.begin(None, &Opening::NEW);
+    path.begin(false, &Opening::NEW);
     path
 }
 

@@ -8,24 +8,24 @@ use crate::math::Rgb;
 use crate::params::Sink;
 use crate::scene::{Scene, effort};
 use crate::surface::Surface;
-use std::sync::LazyLock;
 
 /// A leg of a chain: its ray, and its first vertex.
+#[derive(Default)]
 pub struct Start {
     /// Index of the event that it begins with.
     begin: usize,
     place: At,
     second: At,
     pub ray: MovingRay,
-    /// `None` where it has none.
-    first: Option<Box<First>>,
+    /// One that does not move where it has none.
+    first: First,
     /// That may have left out what it carries, for which nothing behind it asks.
     bare: bool,
-    /// How the interface that it begins behind turned the ray before, and whether that comes straight from the camera or from another interface.
-    turned: Option<Box<(Turned, bool)>>,
+    /// How the interface that it begins behind turned the ray before.
+    turned: Option<Box<Turned>>,
+    /// Where one did, whether that comes straight from the camera or from another interface.
+    straight: bool,
 }
-
-static NO_VERTEX: LazyLock<First> = LazyLock::new(First::default);
 
 /// Whether a leg whose first vertex comes before these events has none that is near it: the next interface, if any, ends it, or light from infinity does.
 fn is_left_alone(events: &[Event]) -> bool {
@@ -42,19 +42,22 @@ fn is_left_alone(events: &[Event]) -> bool {
 }
 
 /// Where the event of a vertex is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum At {
     /// In an earlier chunk.
     Before,
     Event(usize),
     /// The chain has none.
+    #[default]
     Nowhere,
 }
 
 /// The legs in some events.
 #[derive(Default)]
 pub struct Starts {
+    /// The first `open` of them; what is behind is left over from other paths, whose memory these use.
     list: Vec<Start>,
+    open: usize,
     /// Of each event, whether its chain adds anything at it or behind it.
     counts: Vec<bool>,
 }
@@ -67,6 +70,26 @@ pub struct Backward {
 }
 
 impl Starts {
+    fn legs(&self) -> &[Start] {
+        &self.list[..self.open]
+    }
+
+    /// One more leg, without a vertex yet, that begins with event `k`.
+    fn begin(&mut self, k: usize) -> &mut Start {
+        if self.open == self.list.len() {
+            self.list.push(Start::default());
+        }
+        self.open += 1;
+        let leg = &mut self.list[self.open - 1];
+        leg.begin_with(k);
+        leg
+    }
+
+    /// The leg at hand.
+    fn last(&mut self) -> Option<&mut Start> {
+        self.list[..self.open].last_mut()
+    }
+
     /// Legs of all events. `open`: how the leg that the record's events begin in has begun. Empty where nothing moves.
     pub fn find_all(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: &Opening) {
         self.counts.clear();
@@ -91,8 +114,7 @@ impl Starts {
 
     /// `whole`: with all that first vertices carry.
     fn list(&mut self, scene: &Scene, moving: &Moving, rec: &PathRecord, open: &Opening, whole: bool) {
-        let Starts { list, counts } = self;
-        list.clear();
+        self.open = 0;
         if !moving.any() {
             return;
         }
@@ -110,52 +132,50 @@ impl Starts {
         }
         let mut opening = *open;
         let place = |known: bool| if known { At::Before } else { At::Nowhere };
-        let first = open.first.map(|_| Box::new(line(scene, moving, &ray).opening(open)));
-        let (begun, second) = (place(open.first.is_some()), place(open.second.is_some()));
-        list.push(Start { begin: 0, place: begun, second, first, bare: false, ray, turned: None });
-        let fresh = |begin, ray, turned| {
-            let (place, second) = (At::Nowhere, At::Nowhere);
-            Start { begin, place, second, first: None, bare: false, ray, turned }
-        };
+        let leg = self.begin(0);
+        if open.first.is_some() {
+            leg.first = line(scene, moving, &ray).opening(open);
+        }
+        (leg.place, leg.second, leg.ray) = (place(open.first.is_some()), place(open.second.is_some()), ray);
         for (k, e) in rec.events.iter().enumerate() {
             // Of what comes behind nobody asks.
-            if !counts[k] {
+            if !self.counts[k] {
                 continue;
             }
             let begun = [opening.first.is_some(), opening.second.is_some()];
-            if let (Event::Specular(end), Some(last)) = (e, list.last()) {
+            if let (Event::Specular(end), Some(last)) = (e, self.legs().last()) {
                 let came = line(scene, moving, &last.ray).coming(last.first(), &opening, end);
                 let (ray, turned) = line(scene, moving, &came).turned(end);
                 let straight = matches!(last.place, At::Nowhere);
-                list.push(fresh(k, ray, Some(Box::new((turned, straight)))));
+                let leg = self.begin(k);
+                (leg.ray, leg.turned, leg.straight) = (ray, Some(turned), straight);
             }
             opening.follow(e);
             if matches!(e, Event::Chain) {
-                list.push(fresh(k, moving.film_ray().clone(), None));
+                self.begin(k).ray = moving.film_ray().clone();
             }
-            let Some(last) = list.last_mut() else { continue };
             if let (false, Some(s)) = (begun[0], &opening.first) {
                 let bare = !whole && matches!(s, Seen::Medium { .. }) && is_left_alone(&rec.events[k + 1..]);
                 let later = if bare { Later::Nothing } else { Later::Path };
-                let known = list.iter().find(|l| (bare || !l.bare) && l.begins_with(rec, s));
+                let known = self.legs().iter().find(|l| (bare || !l.bare) && l.begins_with(rec, s));
                 let known = known.map(|l| l.first().alone());
-                let Some(last) = list.last_mut() else { continue };
+                let Some(last) = self.last() else { continue };
                 let first = known.unwrap_or_else(|| line(scene, moving, &last.ray).first_for(s, later));
-                (last.first, last.bare, last.place) = (Some(Box::new(first)), bare, At::Event(k));
+                (last.first, last.bare, last.place) = (first, bare, At::Event(k));
                 continue;
             }
             if let (false, Some(z)) = (begun[1], &opening.second) {
+                let Some(last) = self.last() else { continue };
                 last.second = At::Event(k);
-                if let Some(first) = last.first.as_deref_mut() {
-                    *first = line(scene, moving, &last.ray).then(std::mem::take(first), z);
-                }
+                let first = std::mem::take(&mut last.first);
+                last.first = line(scene, moving, &last.ray).then(first, z);
             }
         }
     }
 
     /// The leg that event `k` belongs to, and which of its vertices comes next there.
     pub fn next_at(&self, k: usize) -> Option<(&Start, Nth)> {
-        let start = self.list.iter().rev().find(|s| s.begin <= k)?;
+        let start = self.legs().iter().rev().find(|s| s.begin <= k)?;
         let passed = |at: At| match at {
             At::Before => true,
             At::Event(e) => e < k,
@@ -170,7 +190,7 @@ impl Starts {
 
     /// The leg of the vertex whose event is `v`, and which of its vertices comes behind that one.
     pub fn next_past(&self, v: usize) -> Option<(&Start, Nth)> {
-        let start = self.list.iter().rev().find(|s| s.begin <= v)?;
+        let start = self.legs().iter().rev().find(|s| s.begin <= v)?;
         Some(match (start.place, start.second) {
             (_, At::Before) => (start, Nth::Later),
             (_, At::Event(e)) if e <= v => (start, Nth::Later),
@@ -185,17 +205,25 @@ impl Starts {
         if !self.counts[k] {
             return None;
         }
-        while self.list.len() > 1 && self.list.last().is_some_and(|s| k < s.begin) {
-            self.list.pop();
+        while self.open > 1 && k < self.list[self.open - 1].begin {
+            self.open -= 1;
         }
-        self.list.last()
+        self.legs().last()
     }
 }
 
 impl Start {
     /// Its first vertex; one that does not move where it has none.
     pub fn first(&self) -> &First {
-        self.first.as_deref().unwrap_or(&NO_VERTEX)
+        &self.first
+    }
+
+    /// Nothing is left of what it was but memory.
+    fn begin_with(&mut self, k: usize) {
+        if self.place != At::Nowhere {
+            self.first = First::default();
+        }
+        (self.begin, self.place, self.second, self.bare, self.turned) = (k, At::Nowhere, At::Nowhere, false, None);
     }
 
     /// Whether it is a leg straight from the camera to this vertex: several chains of a record may begin alike.
@@ -230,7 +258,7 @@ impl Start {
             Event::Chain => chain.clear(),
             Event::Specular(s) => {
                 let Some(turn) = &self.turned else { return };
-                cx.specular(chain, s, &turn.0, turn.1, after);
+                cx.specular(chain, s, turn, self.straight, after);
             }
             Event::Emit { weight, end: End::Infinity(w), .. } if seen => cx.escape(*w, *weight),
             Event::Span { span, .. } if seen => cx.camera_span(span, self.first(), after),

@@ -1,6 +1,6 @@
 use super::super::first::Later;
 use super::super::motion::later;
-use super::super::{State, Sweep, SweepFacts, Tally};
+use super::super::{Beginning, Sweep, SweepFacts, Tally};
 use super::*;
 use crate::math::rng::Rng;
 use crate::params::Forward;
@@ -33,8 +33,8 @@ fn with_paths(mut test: impl FnMut(&Scene, &Moving, &PathRecord, &Starts)) {
     for k in 0..4000 {
         let mut rng = Rng::keyed(5, 1, 0, k);
         let (o, w) = sensor.ray(8.0 * rng.uniform(), 8.0 * rng.uniform());
-        let state = State::new(rng, o, w, sensor.medium);
-        sweep.sample(&state, Rng::keyed(5, 2, 0, k), &mut rec, &mut Forward::new(&params), &mut Tally::default());
+        let begin = Beginning::new(rng, o, w, sensor.medium);
+        sweep.sample(&begin, Rng::keyed(5, 2, 0, k), &mut rec, &mut Forward::new(&params), &mut Tally::default());
         starts.find_all(&scene, &facts.moving, &rec, &Opening::NEW);
         test(&scene, &facts.moving, &rec, &starts);
     }

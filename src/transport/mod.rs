@@ -45,16 +45,16 @@ pub mod way_motion;
 
 pub use record::{NoRecord, PathRecord};
 pub use sweep::{Sweep, SweepFacts};
-pub use walk::{State, Tally};
+pub use walk::{Beginning, State, Tally};
 
 use crate::math::Rgb;
 use crate::scene::{Scene, Settings};
 
 /// The value of one camera path.
-pub fn sample(scene: &Scene, set: &Settings, mut state: State, tally: &mut Tally) -> Rgb {
+pub fn sample(scene: &Scene, set: &Settings, begin: &Beginning, tally: &mut Tally) -> Rgb {
     let mut rec = NoRecord;
     let mut w = walk::Walker::new(scene, set, &mut rec);
-    w.trace(&mut state);
+    w.trace(&mut begin.state());
     *tally = tally.plus(&w.tally);
     w.total()
 }

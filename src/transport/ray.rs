@@ -202,7 +202,7 @@ impl FilmLine<'_> {
     }
 
     /// The same, and how the light's share changes.
-    pub fn turned(&self, b: &Specular) -> (MovingRay, Turned) {
+    pub fn turned(&self, b: &Specular) -> (MovingRay, Box<Turned>) {
         let slopes = b.slopes(self.scene.surface_of(b.hit.shape), Share::Radiance);
         // Directions stay of unit length.
         let across = DMat3::IDENTITY - outer(b.out, b.out);
@@ -224,12 +224,12 @@ impl FilmLine<'_> {
     }
 
     /// How the light's share changes where the normal turns so.
-    fn share(&self, b: &Specular, slopes: &Slopes, normal: &Velocity) -> Turned {
+    fn share(&self, b: &Specular, slopes: &Slopes, normal: &Velocity) -> Box<Turned> {
         let mut cos = Rate::default();
         self.ray.with_turn(b.hit.p, b.w, |coming| cos.add(coming, b.n));
         cos.add(normal, b.w);
         let active = slopes.by_index.iter().filter(|x| self.moving.is_index(x.slot));
-        Turned { cos, by_cos: slopes.share_by_cos, by_index: active.map(|x| (x.slot, x.share)).collect() }
+        Box::new(Turned { cos, by_cos: slopes.share_by_cos, by_index: active.map(|x| (x.slot, x.share)).collect() })
     }
 
     /// How the normal turns, whose point moves with `start`.

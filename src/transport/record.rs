@@ -312,8 +312,10 @@ pub struct PathRecord {
     far: Vec<FarLight>,
     /// With the beginning of the chain that goes on there.
     pub chunk_starts: Vec<(State, Opening)>,
-    /// Where to look for the derivative vertex; `None` while a chunk is regenerated, which then also ends the walk.
-    pub candidates: Option<Candidates>,
+    /// Where to look for the derivative vertex.
+    pub candidates: Candidates,
+    /// Whether to: not while a chunk is regenerated, which then also ends the walk.
+    looks: bool,
     /// Events held at a time.
     pub chunk: usize,
     /// Of the sweep that it is for.
@@ -345,7 +347,8 @@ impl PathRecord {
             steps: Vec::new(),
             far: Vec::new(),
             chunk_starts: Vec::new(),
-            candidates: None,
+            candidates: Candidates::new(Rng::keyed(0, 0, 0, 0)),
+            looks: false,
             chunk: CHUNK,
             facts: None,
             lights_only: false,
@@ -384,8 +387,8 @@ impl PathRecord {
         self.facts.as_ref().is_some_and(|f| f.upright[surface as usize])
     }
 
-    /// Ready for a new path, or for a chunk that begins so.
-    pub fn begin(&mut self, candidates: Option<Candidates>, opening: &Opening) {
+    /// Ready for a new path, or for a chunk that begins so. `looks`: for a derivative vertex.
+    pub fn begin(&mut self, looks: bool, opening: &Opening) {
         self.events.clear();
         self.side.clear();
         self.drawn.clear();
@@ -393,7 +396,7 @@ impl PathRecord {
         self.far.clear();
         self.legs.truncate(opening.legs[1] as usize);
         (self.opening, self.share) = (*opening, opening.share);
-        self.candidates = candidates;
+        self.looks = looks;
     }
 }
 
@@ -490,9 +493,9 @@ impl Recorder for PathRecord {
         if self.events.len() < self.chunk || matches!(state.stage, Stage::Medium) {
             return false;
         }
-        let (Some(candidates), Some(facts)) = (&mut self.candidates, &self.facts) else { return true };
+        let (true, Some(facts)) = (self.looks, &self.facts) else { return true };
         // The chunk is complete: draw from its candidates, keep only the state that the next one starts from.
-        candidates.scan(facts, scene, &self.events);
+        self.candidates.scan(facts, scene, &self.events);
         for e in &self.events {
             self.legs.extend(self.opening.ended_by(e));
             self.opening.follow(e);
@@ -509,8 +512,9 @@ impl Recorder for PathRecord {
     fn parts(&mut self, state: &State, value: [Rgb; 2]) -> bool {
         if self.parts {
             // The stage at hand, which is taken again, has been counted.
-            let plain = State { steps: state.steps - 1, ..state.plain() };
-            self.parted = Some(Box::new((plain, value)));
+            let mut parted = Box::new((state.plain(), value));
+            parted.0.steps -= 1;
+            self.parted = Some(parted);
         }
         self.parts
     }
@@ -524,8 +528,8 @@ impl Recorder for PathRecord {
     }
 
     fn unbounded(&mut self, medium: u32) {
-        if let (Some(c), Some(facts)) = (&mut self.candidates, &self.facts) {
-            c.note_unbounded(facts, medium);
+        if let (true, Some(facts)) = (self.looks, &self.facts) {
+            self.candidates.note_unbounded(facts, medium);
         }
     }
 
@@ -540,6 +544,6 @@ impl Recorder for PathRecord {
     fn candidate_rng(&mut self) -> Option<&mut Rng> {
         self.facts.as_ref().filter(|f| f.any_source && !f.lights_only)?;
         // A regenerated chunk must hold as many events as the first time; its candidates are not looked at.
-        Some(self.candidates.as_mut().map_or(&mut self.unused, |c| &mut c.rng))
+        Some(if self.looks { &mut self.candidates.rng } else { &mut self.unused })
     }
 }

@@ -1,7 +1,7 @@
 //! Smooth interfaces on a walk: mirrored and refracted rays ([T] section 6.1).
 //!
 //! A ray that only such interfaces have turned since the camera is still a camera line, and treated like one ([`super::camera_line`]); at the first interface that it meets both
-//! rays are followed, at any later one, and on all other paths, one of them, by its share of the light; but where a derivative may ask how that changes some always go through: near the critical angle
+//! rays are followed (a faint mirrored one seldom), at any later one, and on all other paths, one of them, by its share of the light; but where a derivative may ask how that changes some always go through: near the critical angle
 //! `1 - F ~ q` has the score `q⁻²`, which has no second moment under that probability ([`crate::scene::critical`]). Connections to lamps that cross interfaces are [`super::lamp`]'s; all else that lies behind is found by directions, whose
 //! weight against connections is then whole.
 
@@ -13,11 +13,13 @@ use crate::math::DVec3;
 use crate::scene::{Hit, On, Scene};
 use crate::surface::{Ray, Surface};
 
+/// The share of the light below which the ray mirrored at a camera line's first interface is followed in proportion only: of faces between nearly equal indices.
+const FAINT: f64 = 1e-4;
 /// Interfaces in a row before paths begin to be given up: mirrors that face each other hold light for ever.
 const IN_A_ROW: u32 = 64;
 /// The least probability of going on through the first interface behind a vertex, on paths that look beside critical angles: there it divides the scores.
 const LEAST_THROUGH: f64 = 0.5;
-/// The least probability of a camera line's being mirrored at its second interface.
+/// The least probability of a camera line's being mirrored at its first two interfaces.
 const LEAST_MIRRORED: f64 = 1e-3;
 /// Of them then go on at each.
 const SURVIVE: f64 = 0.95;
@@ -30,9 +32,13 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         return;
     }
     let shape = &w.scene.shapes[hit.shape as usize];
-    let (n, rays) = rays(&w.scene.surfaces[shape.surface as usize], hit, s.w);
+    let (n, mut rays) = rays(&w.scene.surfaces[shape.surface as usize], hit, s.w);
     let behind = |r: &Ray| if r.through { shape.medium_behind(s.w, hit.n, s.medium) } else { s.medium };
-    let rays = rays.map(|r| r.filter(|r| !w.is_lost(k, behind(r))));
+    for ray in &mut rays {
+        if ray.as_ref().is_some_and(|r| w.is_lost(k, behind(r))) {
+            *ray = None;
+        }
+    }
     let tolerance = w.scene.tolerance(hit.p);
     let first = s.direct && s.depth == 0;
     // Of both rays only where nothing competes: on camera lines.
@@ -87,20 +93,25 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         s.pdf_direction = 0.0;
         s.stage = if s.direct { Stage::Line } else { Stage::Fly };
     };
-    match rays {
+    match &rays {
         [None, None] => s.stage = Stage::Done,
-        [Some(r), None] | [None, Some(r)] => follow(s, &r, 1.0, false),
+        [Some(r), None] | [None, Some(r)] => follow(s, r, 1.0, false),
         [Some(mirrored), Some(refracted)] if first => {
-            let mut other = s.branch();
-            follow(&mut other, &mirrored, 1.0, true);
-            follow(s, &refracted, 1.0, false);
-            s.pending = Some(other);
+            let p = (mirrored.weight.mean() / FAINT).clamp(LEAST_MIRRORED, 1.0);
+            if p == 1.0 || s.rng.uniform() < p {
+                let mut other = s.branch();
+                follow(&mut other, mirrored, p, true);
+                follow(s, refracted, 1.0, false);
+                s.pending = Some(other);
+            } else {
+                follow(s, refracted, 1.0, false);
+            }
         }
         [Some(mirrored), Some(refracted)] => {
             if s.rng.uniform() < f {
-                follow(s, &mirrored, f, false);
+                follow(s, mirrored, f, false);
             } else {
-                follow(s, &refracted, 1.0 - f, false);
+                follow(s, refracted, 1.0 - f, false);
             }
         }
     }

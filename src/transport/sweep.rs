@@ -20,7 +20,7 @@ use super::lottery::Lottery;
 use super::motion::{Chained, Moving};
 use super::record::{Event, MediumSpan, NoRecord, PathRecord, Prefix};
 use super::twin::Ways;
-use super::walk::{Flight, Stage, State, Tally, Walker};
+use super::walk::{Beginning, Flight, Stage, State, Tally, Walker};
 use super::{aim, way_motion};
 use crate::error::Result;
 use crate::light::Emission;
@@ -179,6 +179,13 @@ impl Candidates {
         Candidates { rng, total: 0.0, chosen: None, by_vertex: 0.0, by_score: 0.0, unbounded: 0 }
     }
 
+    /// Of another path. What was chosen stays where it is.
+    fn renew(&mut self, rng: Rng) {
+        self.rng = rng;
+        (self.total, self.by_vertex, self.by_score, self.unbounded) = (0.0, 0.0, 0.0, 0);
+        self.chosen = None;
+    }
+
     /// The camera line had an unbounded vacuum without a candidate.
     pub fn note_unbounded(&mut self, facts: &SweepFacts, medium: u32) {
         self.unbounded += u64::from(facts.media[medium as usize].source);
@@ -315,7 +322,7 @@ impl Sweep<'_> {
     /// random numbers, as [`super::sample`]. Where derivatives ask for directions beside critical angles the recorded path is another one.
     pub fn sample(
         &self,
-        state: &State,
+        begin: &Beginning,
         mut derivative: Rng,
         rec: &mut PathRecord,
         sink: &mut impl Sink,
@@ -324,17 +331,18 @@ impl Sweep<'_> {
         let beside = self.facts.moving.any() && !self.scene.critical.is_empty();
         rec.chunk_starts.clear();
         rec.of(&self.facts);
-        let aside = state.rng.beside(derivative.next_u64());
+        let aside = begin.rng.beside(derivative.next_u64());
         let spans = derivative.next_u64();
         rec.scattered = Rgb::ZERO;
-        rec.begin(Some(Candidates::new(derivative)), &Opening::NEW);
+        rec.begin(true, &Opening::NEW);
+        rec.candidates.renew(derivative);
         let first = || {
-            let mut first = state.clone();
+            let mut first = begin.state();
             (first.drawn, first.aside) = (beside.then_some(0), aside);
             first
         };
         // The line itself is another one around poles, and weighs points that are drawn on it against directions.
-        let parts = state.poles.is_none() && !self.scene.draws_on_spans();
+        let parts = begin.poles.is_none() && !self.scene.draws_on_spans();
         rec.parts = beside && parts;
         let mut w = Walker::new(self.scene, self.set, rec);
         w.trace(&mut first());
@@ -342,11 +350,11 @@ impl Sweep<'_> {
         *tally = tally.plus(&w.tally);
         rec.parts = false;
         if beside && !parts {
-            value = super::sample(self.scene, self.set, state.plain(), &mut Tally::default());
+            let plain = Beginning { poles: None, ..begin.clone() };
+            value = super::sample(self.scene, self.set, &plain, &mut Tally::default());
         }
         let mut lottery = Lottery::new(spans, rec.scattered);
-        let Some(mut candidates) = rec.candidates.take() else { return value };
-        candidates.scan(&self.facts, self.scene, &rec.events);
+        rec.candidates.scan(&self.facts, self.scene, &rec.events);
 
         // Backward: the last chunk is at hand, earlier ones are walked again.
         let mut back = rec.back.take().unwrap_or_default();
@@ -355,7 +363,7 @@ impl Sweep<'_> {
         let open = |k: usize| k.checked_sub(1).map_or(&Opening::NEW, |k| &starts[k].1);
         let mut after = self.backward(rec, open(starts.len()), Rgb::ZERO, &mut back, &mut lottery, sink);
         for k in (0..starts.len()).rev() {
-            rec.begin(None, open(k));
+            rec.begin(false, open(k));
             let mut w = Walker::new(self.scene, self.set, rec);
             if k == 0 {
                 w.trace(&mut first());
@@ -365,7 +373,7 @@ impl Sweep<'_> {
             after = self.backward(rec, open(k), after, &mut back, &mut lottery, sink);
         }
         (rec.chunk_starts, rec.back) = (starts, Some(back));
-        self.derivative_vertex(candidates, sink, tally);
+        self.derivative_vertex(&rec.candidates, sink, tally);
         value
     }
 
@@ -583,10 +591,10 @@ impl Sweep<'_> {
     }
 
     /// The vertex's share of the source derivative: one forced continuation [T] (65).
-    fn derivative_vertex(&self, c: Candidates, sink: &mut impl Sink, tally: &mut Tally) {
+    fn derivative_vertex(&self, c: &Candidates, sink: &mut impl Sink, tally: &mut Tally) {
         tally.unbounded_vacuum += c.unbounded;
-        let Candidates { mut rng, total, chosen, by_vertex, by_score, .. } = c;
-        let Some((vertex, weight, depth, selection)) = chosen else { return };
+        let Candidates { mut rng, total, by_vertex, by_score, .. } = *c;
+        let Some((vertex, weight, depth, selection)) = c.chosen else { return };
         // Continue in proportion to the share that this estimator carries; never less than one path in a thousand.
         // Scores of collisions and transmittances mostly cancel: their sum's square is as their number.
         let q = (CONTINUED * by_vertex / (by_vertex + by_score.sqrt())).clamp(1e-3, 1.0);

@@ -104,6 +104,26 @@ pub struct State {
     pub steps: u64,
 }
 
+/// How a camera path begins; it can be walked again from here.
+#[derive(Clone, Debug)]
+pub struct Beginning {
+    pub rng: Rng,
+    pub o: DVec3,
+    pub w: DVec3,
+    pub medium: Option<u32>,
+    pub poles: Option<Arc<Poles>>,
+}
+
+impl Beginning {
+    pub fn new(rng: Rng, o: DVec3, w: DVec3, medium: Option<u32>) -> Self {
+        Beginning { rng, o, w, medium, poles: None }
+    }
+
+    pub fn state(&self) -> State {
+        State::beside(self.rng, self.o, self.w, self.medium, self.poles.clone())
+    }
+}
+
 /// The span a collision was drawn on, and its free-flight density there (or a stand-in): what an
 /// equi-angular connection competes with.
 #[derive(Clone, Copy, Debug, Default)]
@@ -168,6 +188,10 @@ impl State {
     }
 
     pub fn new(rng: Rng, o: DVec3, w: DVec3, medium: Option<u32>) -> Self {
+        State::beside(rng, o, w, medium, None)
+    }
+
+    fn beside(rng: Rng, o: DVec3, w: DVec3, medium: Option<u32>, poles: Option<Arc<Poles>>) -> Self {
         State {
             stage: Stage::Fly,
             o,
@@ -194,7 +218,7 @@ impl State {
             chain: 1,
             direct: true,
             in_a_row: 0,
-            poles: None,
+            poles,
             drawn: None,
             astray: false,
             rng,
@@ -241,10 +265,11 @@ impl Tally {
 pub type Parted = (State, [Rgb; 2]);
 
 /// The total of one and of all that wait behind it.
-fn go_on(scene: &Scene, set: &Settings, (state, [done, value]): Parted) -> Rgb {
+fn go_on(scene: &Scene, set: &Settings, mut parted: Box<Parted>) -> Rgb {
+    let (state, [done, value]) = &mut *parted;
     let mut rec = NoRecord;
-    let mut w = Walker { value, done, ..Walker::new(scene, set, &mut rec) };
-    w.run(state);
+    let mut w = Walker { value: *value, done: *done, ..Walker::new(scene, set, &mut rec) };
+    w.go_on(state);
     w.total()
 }
 
@@ -336,7 +361,7 @@ impl<'a, R: Recorder> Walker<'a, R> {
     /// The chain is over.
     fn close(&mut self, astray: bool) {
         self.done = match self.rec.parted() {
-            Some(parted) => go_on(self.scene, self.set, *parted),
+            Some(parted) => go_on(self.scene, self.set, parted),
             // Of what went astray before it branched off the picture knows nothing.
             None if astray => self.done,
             None => self.total(),

@@ -17,7 +17,7 @@ use tyndall::scene::SceneDesc;
 use tyndall::scene::compile::{LoadOptions, Orders};
 use tyndall::scene::lamps::Lamps;
 use tyndall::term::EdgeForm;
-use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
+use tyndall::transport::{Beginning, PathRecord, Sweep, SweepFacts, Tally};
 
 /// A scene from text, relative to the project's folder.
 pub fn scene(text: &str) -> (SceneDesc, Scene) {
@@ -252,12 +252,12 @@ pub fn same_in_chunks(text: &str, names: &[&str], least: usize) {
             let mut rec = PathRecord::new();
             rec.chunk = chunk;
             let (o, w) = scene.sensors[0].ray(0.5 * w as f64, 0.5 * h as f64 + 0.1);
-            let state = State::new(Rng::keyed(1, 1, 5, sample), o, w, None);
+            let begin = Beginning::new(Rng::keyed(1, 1, 5, sample), o, w, None);
             let mut sink = Forward::new(&p);
             let mut tally = Tally::default();
-            let value = sweep.sample(&state, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
+            let value = sweep.sample(&begin, Rng::keyed(1, 2, 5, sample), &mut rec, &mut sink, &mut tally);
             // The picture's own path, where the recorded one goes other ways.
-            assert_eq!(value, tyndall::transport::sample(&scene, &scene.settings, state, &mut tally));
+            assert_eq!(value, tyndall::transport::sample(&scene, &scene.settings, &begin, &mut tally));
             (value, sink.image, rec.chunk_starts.len())
         };
         let (v, d, _) = run(usize::MAX);

@@ -4,7 +4,7 @@ use crate::common::{params, scene};
 use std::sync::Arc;
 use tyndall::math::rng::Rng;
 use tyndall::params::Forward;
-use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
+use tyndall::transport::{Beginning, PathRecord, Sweep, SweepFacts, Tally};
 
 const DENSE: &str = r#"<scene version="3.0.0">
   <default name="x" value="0"/>
@@ -28,8 +28,8 @@ fn walks_around_a_light_stay_few() {
     for k in 0..400 {
         let mut rng = Rng::keyed(1, 1, 0, k);
         let (o, w) = sensor.ray(4.0 * rng.uniform(), 4.0 * rng.uniform());
-        let state = State::new(rng, o, w, sensor.medium);
-        sweep.sample(&state, Rng::keyed(1, 2, 0, k), &mut rec, &mut sink, &mut tally);
+        let begin = Beginning::new(rng, o, w, sensor.medium);
+        sweep.sample(&begin, Rng::keyed(1, 2, 0, k), &mut rec, &mut sink, &mut tally);
         largest = largest.max(rec.events.capacity());
         // Chunks bound what a path records, not what one of its vertices does.
         assert!(largest < 1 << 20, "path {k}: room for {largest} events");

@@ -4,7 +4,7 @@ use crate::common::{params, scene};
 use std::sync::Arc;
 use tyndall::math::rng::Rng;
 use tyndall::params::Forward;
-use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
+use tyndall::transport::{Beginning, PathRecord, Sweep, SweepFacts, Tally};
 
 /// A small cube that moves in fog whose mean free path is a hundred times as long, beside a larger one.
 const GRAIN: &str = r#"<scene version="3.0.0">
@@ -38,8 +38,8 @@ fn pairs_cancel_noise_and_nothing_else() {
             let found = both.clone().map(|facts| {
                 let sweep = Sweep { scene: &scene, set: &scene.settings, params: &p, facts, sensor };
                 let (mut rec, mut sink, mut tally) = (PathRecord::new(), Forward::new(&p), Tally::default());
-                let state = State::new(rng, o, w, sensor.medium);
-                let value = sweep.sample(&state, Rng::keyed(1, 2, 0, k), &mut rec, &mut sink, &mut tally);
+                let begin = Beginning::new(rng, o, w, sensor.medium);
+                let value = sweep.sample(&begin, Rng::keyed(1, 2, 0, k), &mut rec, &mut sink, &mut tally);
                 (value, sink.image[0][1])
             });
             assert_eq!(found[0].0, found[1].0);

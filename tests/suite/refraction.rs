@@ -13,7 +13,7 @@ use tyndall::render::plan::Plan;
 use tyndall::scene::compile::Orders;
 use tyndall::scene::critical::Critical;
 use tyndall::scene::{Scene, SceneDesc, advice};
-use tyndall::transport::{PathRecord, State, Sweep, SweepFacts, Tally};
+use tyndall::transport::{Beginning, PathRecord, Sweep, SweepFacts, Tally};
 
 /// [T] D1 and D2: a beam and a camera ray through a plane interface, light that scatters once.
 fn beam(profile: &str, width: f64) -> String {
@@ -401,7 +401,7 @@ fn scores_beside_the_critical_angle_have_a_second_moment() {
             let (o, w) = sensor.ray(2.0 + 2.0 * rng.uniform(), 2.0 + 2.0 * rng.uniform());
             let mut sink = Forward::new(&p);
             let rng = [Rng::keyed(7, 1, stream, i), Rng::keyed(7, 2, stream, i)];
-            sweep.sample(&State::new(rng[0], o, w, None), rng[1], &mut rec, &mut sink, &mut Tally::default());
+            sweep.sample(&Beginning::new(rng[0], o, w, None), rng[1], &mut rec, &mut sink, &mut Tally::default());
             let square = sink.image[0].mean().powi(2);
             (sum, largest) = (sum + square, largest.max(square));
         }
