@@ -19,6 +19,6 @@ pub mod root;
 pub mod stats;
 pub mod warp;
 
-pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3};
+pub use glam::{DAffine3, DMat2, DMat3, DMat4, DVec2, DVec3};
 pub use real::{Dual, Real, V3, gradient};
 pub use rgb::Rgb;

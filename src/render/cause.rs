@@ -44,8 +44,8 @@ pub fn zero_measure(p: &Parts<f64>) -> Option<&LightPart<f64>> {
 pub fn has_known_borders(p: &Parts<f64>, s: &ShapePart<f64>) -> bool {
     match s.kind {
         ShapeKind::Sphere { .. } => !is_smooth(p, s.surface) || is_lone_mirror(p, s),
-        ShapeKind::Disk | ShapeKind::Cylinder { .. } => !is_smooth(p, s.surface),
-        ShapeKind::Rectangle => !matches!(p.surfaces[s.surface], SurfacePart::Dielectric { .. }),
+        ShapeKind::Cylinder { .. } => !is_smooth(p, s.surface),
+        ShapeKind::Disk | ShapeKind::Rectangle => !matches!(p.surfaces[s.surface], SurfacePart::Dielectric { .. }),
         _ => true,
     }
 }
@@ -124,7 +124,7 @@ pub fn cause(p: &Parts<f64>, term: Term, m: &Motion) -> Option<Cause> {
             });
             match cuts.filter(|_| has_beam && p.shapes.iter().any(|s| is_smooth(p, s.surface))) {
                 Some(s) => {
-                    let remedy = "in a beam, beside what is opaque, use of glass only cubes, and of metal rectangles too; or use a directional light";
+                    let remedy = "in a beam, beside what is opaque, use of glass only cubes, and of metal rectangles and disks too; or use a directional light";
                     Some(Cause::of_shape(s, remedy))
                 }
                 None => unlit(

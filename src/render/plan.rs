@@ -438,7 +438,7 @@ impl Plan {
                 && (light || facts.zero_measure_light && (matter || motion.ior || motion.interface))
             {
                 let why = "what moves may be seen or lit by way of an interface";
-                let remedy = "use an area light that is a rectangle, an environment or, where nothing is opaque, a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or of glass only cubes and convex meshes, of metal rectangles too (or nothing but a ball of metal), and of all else anything but meshes with vertex normals";
+                let remedy = "use an area light that is a rectangle, an environment or, where nothing is opaque, a collimated beam; or keep of glass and mirrors only rectangles and disks that are parallel to one another, where nothing opaque moves; or of glass only cubes and convex meshes, of metal rectangles and disks too (or nothing but a ball of metal), and of all else anything but meshes with vertex normals";
                 miss(Term::S, why, unlit(&parts, remedy));
             }
             let turns = motion.ior || motion.interface || motion.beam;

@@ -7,7 +7,7 @@
 use super::{Instance, Scene};
 use crate::light::LightKind;
 use crate::math::fresnel::{self, Interface, conductor};
-use crate::math::{DVec2, DVec3, Rgb, V3, warp};
+use crate::math::{DMat2, DVec2, DVec3, Rgb, V3, warp};
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 
@@ -244,33 +244,41 @@ impl Search<'_> {
         if way.steps.last().is_some_and(|l| l.shape == shape && l.face == face) {
             return;
         }
-        let corners = corners(&instance.shape, face);
-        let p = corners.first().copied().unwrap_or_else(|| instance.shape.bounds().center());
+        // Of a disk those of the square around it.
+        let disk = match &instance.shape {
+            Shape::Disk(d) => Some([DVec3::ZERO, DVec3::X, DVec3::Y].map(|q| d.placement.point(q))),
+            _ => None,
+        };
+        let around = |[c, x, y]: [DVec3; 3]| vec![x + y - c, x - y + c, c * 3.0 - x - y, y - x + c];
+        let corners = disk.map_or_else(|| corners(&instance.shape, face), around);
+        let p = disk.map_or(corners[0], |d| d[0]);
         let n = instance.shape.normal(face, p);
         let came = n.dot(way.w);
         let closed = instance.shape.is_closed();
         if came == 0.0 || closed && inside.contains(&shape) != (came > 0.0) {
             return;
         }
-        let mut left = polygon.to_vec();
-        if !corners.is_empty() {
-            let ahead = |way: &Way, p: DVec3| way.steps.last().map(|s| (p - s.p).dot(s.n) * s.n.dot(way.w) > 0.0);
-            if corners.iter().all(|&c| ahead(way, c) == Some(false)) {
-                return;
-            }
-            let on_plane = |c: &DVec3| {
-                let m = way.origin(*c) - self.position;
-                DVec2::new(m.dot(self.frame.0), m.dot(self.frame.1))
-            };
-            let seen: Vec<DVec2> = corners.iter().map(on_plane).collect();
-            left = clip(&left, &seen);
-            if left.is_empty() {
-                return;
-            }
+        let ahead = |way: &Way, p: DVec3| way.steps.last().map(|s| (p - s.p).dot(s.n) * s.n.dot(way.w) > 0.0);
+        if corners.iter().all(|&c| ahead(way, c) == Some(false)) {
+            return;
         }
-        // A disk's border is not clipped by. What parts at the edges of a block that it leaves goes on by ways of their own (`term::hard_beam`); what passes beside a block that the
+        let on_plane = |c: DVec3| {
+            let m = way.origin(c) - self.position;
+            DVec2::new(m.dot(self.frame.0), m.dot(self.frame.1))
+        };
+        let seen: Vec<DVec2> = corners.iter().map(|&c| on_plane(c)).collect();
+        let left = clip(polygon, &seen);
+        if left.is_empty() {
+            return;
+        }
+        let within = |disk: [DVec3; 3]| {
+            let [c, x, y] = disk.map(on_plane);
+            let local = DMat2::from_cols(x - c, y - c).inverse();
+            polygon.iter().all(|&p| (local * (p - c)).length() < 1.0)
+        };
+        // What parts at the edges of a block that it leaves goes on by ways of their own (`term::hard_beam`); what passes beside a block that the
         // rest enters has its shadow.
-        let cut = corners.is_empty() || area(&left) < area(polygon) * (1.0 - 1e-9);
+        let cut = !disk.is_none_or(within) || area(&left) < area(polygon) * (1.0 - 1e-9);
         if cut && (!closed || came < 0.0) {
             self.parted = self.parted.or(Some(shape));
         }

@@ -54,6 +54,11 @@ impl Face {
         self.is_facet
     }
 
+    /// A disk.
+    pub fn is_round(&self) -> bool {
+        self.sides.is_empty()
+    }
+
     /// Whether light of this origin comes from before it.
     pub fn is_before(&self, from: Origin<f64>) -> bool {
         height(from, self.p, self.n) > 0.0

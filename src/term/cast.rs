@@ -140,7 +140,8 @@ pub fn unknown<'a>(scene: &'a Scene, motion: &'a Motion) -> impl Iterator<Item =
         match &s.shape {
             Shape::Cube(_) => true,
             Shape::Sphere(_) => !smooth || lone_mirror(scene).is_some(),
-            Shape::Cylinder(_) | Shape::Disk(_) => !smooth,
+            Shape::Cylinder(_) => !smooth,
+            Shape::Disk(_) => !smooth || scene.is_round_mirror(s),
             // One of glass bounds a half-space, whose border has to be out of sight.
             Shape::Rectangle(_) => !(smooth && scene.surface_of(id).is_transparent()),
             Shape::Mesh(_) if !smooth => has_flat_faces(s) && s.shape.face_count() <= OPAQUE,

@@ -1,4 +1,4 @@
-//! What casts shadows of lights without extent by way of flat faces, or of a ball of metal ([`super::cast`]): edges of what is smooth or opaque, of what is opaque rims and the outlines of balls and walls (cylinders), and the outline of a ball of metal. Of a hard-edged beam its own edge, a circle, is such a border, too.
+//! What casts shadows of lights without extent by way of flat faces, or of a ball of metal ([`super::cast`]): edges of what is smooth or opaque, rims of what is opaque and of round mirrors, of what is opaque the outlines of balls and walls (cylinders), too, and the outline of a ball of metal. Of a hard-edged beam its own edge, a circle, is such a border, too.
 //!
 //! An outline is where light touches the surface, `<w(z), N(z)> = 0` with w the light's direction at z: one place on each meridian of a ball, counted from where light meets it first, and two at each height of a wall. Its sheet has
 //! the surface's normal there, so that f = <x_k - e, N> tells it as it tells that of an edge (an edge's own plane is across the edge, an outline's across the light), and e moves with the surface's matter.
@@ -289,7 +289,7 @@ pub fn borders(scene: &Scene, rims: &[Rim]) -> Vec<Border> {
             }
         }
     };
-    for f in scene.chains.faces.iter() {
+    for f in scene.chains.faces.iter().filter(|f| !f.is_round()) {
         add(f.shape, f.face, f.corners());
     }
     let opaque = || (0..).zip(&scene.shapes).filter(|(_, s)| is_opaque(scene, s));
@@ -314,8 +314,8 @@ pub fn borders(scene: &Scene, rims: &[Rim]) -> Vec<Border> {
             _ => {}
         }
     }
-    let opaque_rims = rims.iter().filter(|r| !r.shapes().any(|s| scene.surface_of(s).is_smooth()));
-    found.extend(opaque_rims.map(|r| {
+    let is_told = |s: u32| !scene.surface_of(s).is_smooth() || scene.is_round_mirror(&scene.shapes[s as usize]);
+    found.extend(rims.iter().filter(|r| r.shapes().all(is_told)).map(|r| {
         let faces = r.grazed.iter().flat_map(|(shape, names)| names.iter().map(|&n| (*shape, n)));
         Border::round(Line::Rim { c: r.c, x: r.x, y: r.y }, faces)
     }));
@@ -325,11 +325,17 @@ pub fn borders(scene: &Scene, rims: &[Rim]) -> Vec<Border> {
 /// The borders of a face, itself first of their faces. Of two facets in one plane either takes over what the other leaves.
 pub fn borders_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<Border> {
     let own = (face.shape, face.face);
+    // Its own matter first.
+    let by_own = |b: &Border| -> SmallVec<[(u32, u32); 2]> {
+        std::iter::once(own).chain(b.faces.iter().copied().filter(|f| *f != own)).collect()
+    };
+    if face.is_round() {
+        let rims = borders.iter().filter(|b| matches!(b.line, Line::Rim { .. }) && b.faces.contains(&own));
+        return rims.map(|b| Border { faces: by_own(b), ..b.clone() }).collect();
+    }
     let known = |ends: [DVec3; 2]| {
         let found = borders.iter().find(|b| b.own().0 == face.shape && b.is_at(scene, &ends))?;
-        let others = found.faces.iter().copied().filter(|f| *f != own);
-        let faces = std::iter::once(own).chain(others).collect();
-        Some(Border { faces, ..Border::edge(ends, own, SmallVec::new()) })
+        Some(Border { faces: by_own(found), ..Border::edge(ends, own, SmallVec::new()) })
     };
     edges(face).filter_map(known).collect()
 }

@@ -61,6 +61,16 @@ fn rims_and_walls(light: &str) -> Scene {
     ))
 }
 
+/// Two round mirrors, one of them an ellipse, beside a block and a plate, in haze.
+fn round_mirrors(light: &str) -> Scene {
+    compiled(&format!(
+        r#"<shape type="cube"><transform name="to_world"><scale x="0.5" y="0.6" z="0.4"/><rotate z="1" angle="20"/></transform><bsdf type="dielectric"><float name="int_ior" value="1.5"/></bsdf></shape>
+      <shape type="disk"><transform name="to_world"><scale x="0.6" y="0.45"/><rotate y="1" angle="70"/><translate x="-1.3" z="0.5"/></transform><bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape>
+      <shape type="disk"><transform name="to_world"><scale value="0.7"/><rotate y="1" angle="-60"/><translate x="1.2" y="0.2" z="-0.6"/></transform><bsdf type="conductor"/></shape>
+      <shape type="disk"><transform name="to_world"><scale value="0.25"/><translate x="-0.6" y="0.3" z="0.9"/></transform></shape>{light}"#
+    ))
+}
+
 /// A ball of metal with a bar and a ball beside it, and a bar above it that is much longer than it, in haze.
 fn mirror_ball(light: &str) -> Scene {
     compiled(&format!(
@@ -85,8 +95,10 @@ fn compiled(body: &str) -> Scene {
 fn light_jumps_at_sheets_alone() {
     for (light, scene) in [LAMP, SUN]
         .into_iter()
-        .flat_map(|l| [blocks, prism, nested, balls, rims_and_walls, mirror_ball].map(|scene| (l, scene(l))))
-        .chain([blocks, nested, balls, rims_and_walls].map(|scene| (BEAM, scene(BEAM))))
+        .flat_map(|l| {
+            [blocks, prism, nested, balls, rims_and_walls, mirror_ball, round_mirrors].map(|scene| (l, scene(l)))
+        })
+        .chain([blocks, nested, balls, rims_and_walls, round_mirrors].map(|scene| (BEAM, scene(BEAM))))
     {
         let bodies = &scene.bodies;
         let (all, begins) = cast_route::of_light(&scene, 0);

@@ -134,7 +134,7 @@ fn unlit(scene: &Scene, motion: &Motion, interface: &Instance, light: &Light) ->
                 "`{name}` mirrors or refracts, and something moves: the shadows of the light `{light}` at it cannot be differentiated yet"
             ),
             format!(
-                "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes and convex meshes, of metal rectangles too, or nothing but a ball of metal, and of all else anything but meshes with vertex normals or more than 4096 faces; {extent}"
+                "only flat faces may be there: rectangles and disks that are parallel to one another, or of glass cubes and convex meshes, of metal rectangles and disks too, or nothing but a ball of metal, and of all else anything but meshes with vertex normals or more than 4096 faces; {extent}"
             ),
         ),
     };
@@ -308,10 +308,7 @@ fn outlines(scene: &Scene, motion: &Motion) -> Result<()> {
 fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
     let beam = scene.lights.iter().find(|l| l.is_beam());
     let Some(beam) = beam.filter(|_| motion.surfaces()) else { return Ok(()) };
-    let curved = |s: &Instance| {
-        let smooth = scene.surfaces[s.surface as usize].is_smooth();
-        smooth && !is_flat(&s.shape) || scene.is_round_mirror(s)
-    };
+    let curved = |s: &Instance| scene.surfaces[s.surface as usize].is_smooth() && !is_flat(&s.shape);
     let smooth = scene.has_smooth();
     if let Some(s) = scene.shapes.iter().filter(|_| smooth).find(|s| curved(s)) {
         let what = format!(
@@ -345,7 +342,7 @@ fn beams(scene: &Scene, motion: &Motion) -> Result<()> {
 
 /// Why what cuts a beam is not known.
 fn cut(scene: &Scene, motion: &Motion, beam: &Light) -> Error {
-    let flat = "use of glass only cubes, of metal rectangles too, and of all else anything but meshes with vertex normals or more than 4096 faces; or use a directional light";
+    let flat = "use of glass only cubes, of metal rectangles and disks too, and of all else anything but meshes with vertex normals or more than 4096 faces; or use a directional light";
     if let Some(&(light, shape)) = scene.beams.parted.first() {
         let (s, beam) = (&scene.shapes[shape as usize], &scene.lights[light as usize]);
         let what = format!(

@@ -44,6 +44,7 @@ mod plan;
 mod refraction;
 mod rooms;
 mod rough;
+mod round_mirrors;
 mod scenes;
 mod straight_beams;
 mod stress;
