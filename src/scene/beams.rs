@@ -8,8 +8,10 @@ use super::{Instance, Scene};
 use crate::light::LightKind;
 use crate::math::fresnel::{self, Interface, conductor};
 use crate::math::{DMat2, DVec2, DVec3, Rgb, V3, warp};
-use crate::shape::{Geometry, Shape};
+use crate::shape::triangles::around_disk;
+use crate::shape::{Disk, Geometry, Shape};
 use crate::surface::Surface;
+use std::f64::consts::{PI, TAU};
 
 /// A flat mirror or interface on a way.
 #[derive(Clone, Copy, Debug)]
@@ -42,6 +44,8 @@ pub struct Way {
 const STEPS: usize = 12;
 const WAYS: usize = 1024;
 const GAIN: f64 = 1e-8;
+/// Corners of the polygon around a beam.
+const ROUND: usize = 64;
 /// A Gaussian beam ends at so many radii: e^-72.
 pub(super) const GAUSSIAN: f64 = 6.0;
 /// Beyond so many radii the edges of shadows in one, and of its start, are left out: e^-18, below a single-precision picture's last digit.
@@ -244,14 +248,12 @@ impl Search<'_> {
         if way.steps.last().is_some_and(|l| l.shape == shape && l.face == face) {
             return;
         }
-        // Of a disk those of the square around it.
         let disk = match &instance.shape {
-            Shape::Disk(d) => Some([DVec3::ZERO, DVec3::X, DVec3::Y].map(|q| d.placement.point(q))),
+            Shape::Disk(d) => Some(d),
             _ => None,
         };
-        let around = |[c, x, y]: [DVec3; 3]| vec![x + y - c, x - y + c, c * 3.0 - x - y, y - x + c];
-        let corners = disk.map_or_else(|| corners(&instance.shape, face), around);
-        let p = disk.map_or(corners[0], |d| d[0]);
+        let corners = disk.map_or_else(|| corners(&instance.shape, face), |d| around_disk(d).to_vec());
+        let p = disk.map_or(corners[0], |d| d.placement.point(DVec3::ZERO));
         let n = instance.shape.normal(face, p);
         let came = n.dot(way.w);
         let closed = instance.shape.is_closed();
@@ -271,8 +273,8 @@ impl Search<'_> {
         if left.is_empty() {
             return;
         }
-        let within = |disk: [DVec3; 3]| {
-            let [c, x, y] = disk.map(on_plane);
+        let within = |d: &Disk| {
+            let [c, x, y] = [DVec3::ZERO, DVec3::X, DVec3::Y].map(|q| on_plane(d.placement.point(q)));
             let local = DMat2::from_cols(x - c, y - c).inverse();
             polygon.iter().all(|&p| (local * (p - c)).length() < 1.0)
         };
@@ -349,7 +351,9 @@ impl Scene {
         for (id, l) in self.lights.iter().enumerate() {
             let LightKind::Beam { position, direction, radius, gaussian } = l.kind else { continue };
             let size = radius * if gaussian { GAUSSIAN } else { 1.0 };
-            let square = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| DVec2::new(x, y) * size);
+            let corner =
+                |k: usize| DVec2::from_angle(TAU * k as f64 / ROUND as f64) * (size / (PI / ROUND as f64).cos());
+            let around: Vec<DVec2> = (0..ROUND).map(corner).collect();
             let depth = (self.settings.max_depth.saturating_sub(2) as usize).min(STEPS);
             let frame = warp::frame(direction);
             let found = Vec::new();
@@ -360,7 +364,7 @@ impl Scene {
                 (0..self.shapes.len() as u32).filter(|&i| within(&self.shapes[i as usize])).collect();
             search.grow(
                 Way { light: id as u32, steps: Vec::new(), w: direction, gain: Rgb::ONE, source: None },
-                &square,
+                &around,
                 &inside,
             );
             if search.crowded || search.long && self.settings.max_depth as usize > STEPS + 2 {

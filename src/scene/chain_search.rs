@@ -13,6 +13,8 @@ use crate::light::{Light, LightKind, Origin};
 use crate::math::ball_tree::{Ball, BallTree};
 use crate::math::pencil::{Cone, Pencil};
 use crate::math::{DVec2, DVec3};
+use crate::shape::edges::sides;
+use crate::shape::triangles::around_disk;
 use crate::shape::{Geometry, Shape};
 use crate::surface::Surface;
 use rayon::prelude::*;
@@ -264,10 +266,16 @@ impl Search<'_> {
         let lie = |a: usize, b: usize| {
             let (f, g) = (&faces[a], &faces[b]);
             let flat = |p: DVec3| (p - f.p).dot(f.n).abs() <= slack;
+            if f.shape == g.shape || !g.corners.iter().all(|&p| flat(p)) {
+                return false;
+            }
+            let [f, g] = [f, g].map(|f| match &self.scene.shapes[f.shape as usize].shape {
+                Shape::Disk(d) => around_disk(d).to_vec(),
+                _ => f.corners.to_vec(),
+            });
             // Convex polygons are apart if a side of one has all of the other before it.
-            let apart =
-                |f: &Face, g: &Face| f.sides.iter().any(|&(a, m)| g.corners.iter().all(|p| (*p - a).dot(m) <= slack));
-            f.shape != g.shape && g.corners.iter().all(|&p| flat(p)) && !apart(f, g) && !apart(g, f)
+            let apart = |f: &[DVec3], g: &[DVec3]| sides(f).any(|(a, m)| g.iter().all(|p| (*p - a).dot(m) <= slack));
+            !apart(&f, &g) && !apart(&g, &f)
         };
         (0..faces.len()).into_par_iter().any(|a| {
             let (mut near, f) = (Vec::new(), &faces[a]);

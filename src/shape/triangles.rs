@@ -1,7 +1,7 @@
 //! Shapes as triangles: what has flat faces exactly, a disk or cylinder as the polygon or prism that holds it.
 
 use super::edges::with_corners;
-use super::{Bounds, Geometry, Shape};
+use super::{Bounds, Disk, Geometry, Shape};
 use crate::math::DVec3;
 use std::f64::consts::{PI, TAU};
 
@@ -13,10 +13,7 @@ pub fn triangles(s: &Shape) -> Vec<(Bounds, [DVec3; 3])> {
     let mut all = Vec::new();
     let mut fan = |c: &[DVec3]| all.extend((2..c.len()).map(|k| [c[0], c[k - 1], c[k]]));
     match s {
-        Shape::Disk(d) => {
-            let p = &d.placement;
-            fan(&around(p.point(DVec3::ZERO), p.vector(DVec3::X), p.vector(DVec3::Y)));
-        }
+        Shape::Disk(d) => fan(&around_disk(d)),
         Shape::Cylinder(c) => {
             let (x, y) = c.rim_axes();
             let [a, b] = [0, 1].map(|k| around(c.rim(k).0, x, y));
@@ -25,6 +22,12 @@ pub fn triangles(s: &Shape) -> Vec<(Bounds, [DVec3; 3])> {
         _ => (0..s.face_count()).for_each(|f| _ = with_corners(s, f, &mut fan)),
     }
     all.into_iter().map(|t| (t.into_iter().collect(), t)).collect()
+}
+
+/// A polygon that holds a disk.
+pub fn around_disk(d: &Disk) -> [DVec3; ROUND] {
+    let p = &d.placement;
+    around(p.point(DVec3::ZERO), p.vector(DVec3::X), p.vector(DVec3::Y))
 }
 
 /// A polygon around the ellipse of these half axes.

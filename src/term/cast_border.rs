@@ -340,10 +340,9 @@ pub fn borders_of(scene: &Scene, borders: &[Border], face: &Face) -> Vec<Border>
     edges(face).filter_map(known).collect()
 }
 
-/// Two opaque shapes with borders that lie on each other in part only, or nearly, or all along though they are `apart`: shapes that move differently.
+/// Two shapes with borders that lie on each other in part only, or nearly, or all along though they are `apart`: shapes that move differently.
 pub fn overlapping(scene: &Scene, rims: &[Rim], apart: impl Fn(u32, u32) -> bool) -> Option<(u32, u32)> {
-    let borders: Vec<Border> =
-        borders(scene, rims).into_iter().filter(|b| !scene.surface_of(b.own().0).is_smooth()).collect();
+    let borders = borders(scene, rims);
     // Light is asked for beside a border as far as that.
     let slack = 2.0 * ASIDE * scene.bounds.radius();
     let shared = |b: &Border| b.faces.iter().map(|f| f.0).find(|&k| apart(b.own().0, k)).map(|k| (b.own().0, k));

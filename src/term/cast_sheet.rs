@@ -125,12 +125,12 @@ pub fn of_light(scene: &Scene, borders: &[Border], id: u32) -> Vec<Sheet> {
             }
         }
         for at in 0..=route.len() {
-            // Convex bodies do not stand on lines that end on them.
+            // Convex bodies do not stand on lines that end on them; a round mirror's rim may be another's, too.
             let met = |k: Option<usize>| k.filter(|k| *k < route.len()).map(|k| route.met(scene, k).0);
             let around = [at.checked_sub(1), Some(at)].map(met);
             let stands = |b: &&Border| {
-                let (shape, _) = b.own();
-                !around.contains(&Some(shape)) && scene.bodies.may_meet(shape, Some(within[at]))
+                let is_met = b.faces.iter().any(|f| around.contains(&Some(f.0)));
+                !is_met && scene.bodies.may_meet(b.own().0, Some(within[at]))
             };
             for b in borders.iter().filter(stands) {
                 add(at, true, b.clone());

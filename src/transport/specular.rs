@@ -13,7 +13,7 @@ use crate::math::DVec3;
 use crate::scene::{Hit, On, Scene};
 use crate::surface::{Ray, Surface};
 
-/// The share of the light below which the ray mirrored at a camera line's first interface is followed in proportion only: of faces between nearly equal indices.
+/// The share of the light below which the ray mirrored at a camera line's first interface is followed in proportion to its root only: of faces between nearly equal indices.
 const FAINT: f64 = 1e-4;
 /// Interfaces in a row before paths begin to be given up: mirrors that face each other hold light for ever.
 const IN_A_ROW: u32 = 64;
@@ -97,7 +97,7 @@ pub(super) fn scatter<R: Recorder>(w: &mut Walker<R>, s: &mut State, hit: &Hit) 
         [None, None] => s.stage = Stage::Done,
         [Some(r), None] | [None, Some(r)] => follow(s, r, 1.0, false),
         [Some(mirrored), Some(refracted)] if first => {
-            let p = (mirrored.weight.mean() / FAINT).clamp(LEAST_MIRRORED, 1.0);
+            let p = (mirrored.weight.mean() / FAINT).sqrt().clamp(LEAST_MIRRORED, 1.0);
             if p == 1.0 || s.rng.uniform() < p {
                 let mut other = s.branch();
                 follow(&mut other, mirrored, p, true);

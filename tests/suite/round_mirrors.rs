@@ -93,16 +93,54 @@ fn a_spot_on_a_round_mirror_against_differences() {
     against_differences(text, &moves, &["all"], 1 << 14, 0.01);
 }
 
+/// An opaque tube behind it that ends in its rim, whichever of the two comes first: the rim is one border.
+#[test]
+fn a_mirror_that_closes_a_tube() {
+    let tube = r#"<shape type="cylinder" id="tube"><point name="p0" value="-3.5, 0, 2"/><point name="p1" value="-3, 0, 2"/><float name="radius" value="$r"/><bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>"#;
+    let text = upright([-3.0 + 2.0 * COS / SIN, 0.0], SUN);
+    let truth = 0.5 / PI * E * COS * 2.0 * PI * 0.4 / 4.0;
+    for (name, text) in [
+        ("the tube behind the mirror in the file", text.replacen("<emitter", &format!("{tube}<emitter"), 1)),
+        ("the tube before it", text.replacen(r#"<shape type="disk""#, &format!(r#"{tube}<shape type="disk""#), 1)),
+    ] {
+        check(name, &derivatives(&text, &["r"], &["all"], 1 << 12)[0], truth, 0.01);
+    }
+}
+
+fn refusal(text: &str, name: &str) -> String {
+    let (desc, sc) = scene(text);
+    let names = [name.to_string()];
+    let planned = tyndall::render::plan::Plan::new(&desc, &names).and_then(|p| p.refuse());
+    let p = sc.param_set(&desc, &names).unwrap();
+    let ran = job(&sc, 4, 1, Mode::Forward(&p)).run(&|_| {});
+    planned.err().or(ran.err()).map(|e| e.to_string()).unwrap_or_default()
+}
+
+/// Two in one plane, apart; a beam that falls within the border of one of glass, but not the square around it within that.
+#[test]
+fn what_is_apart_or_within_is_taken() {
+    let second = r#"<shape type="disk"><transform name="to_world"><scale value="0.4"/><rotate y="1" angle="90"/><translate x="-3" y="1" z="2"/></transform><bsdf type="conductor"/></shape>"#;
+    assert_eq!(refusal(&upright([0.0, 0.0], &format!("{second}{SUN}")), "r"), "");
+    let window = r#"<shape type="disk" id="window"><transform name="to_world"><scale value="0.8"/><rotate y="1" angle="53.13"/><translate x="-1" z="3.5"/></transform><bsdf type="dielectric"/></shape>"#;
+    let within = |radius: &str| {
+        let (_, sc) = scene(
+            &upright([0.0, 0.0], &format!("{window}{}", BEAM.replace("0.7", radius)))
+                .replace(r#"value="0.4""#, r#"value="3""#),
+        );
+        sc.beams.parted.iter().any(|p| sc.shapes[p.1 as usize].name == "window")
+    };
+    assert!(!within("0.78") && within("0.82"));
+}
+
 /// Rods beside it are not told, and are what is named.
 #[test]
 fn it_is_not_what_is_refused() {
     let rod = r#"<shape type="cylinder" id="rod"><point name="p0" value="2, 3, 0.5"/><point name="p1" value="3, 3, 0.5"/><float name="radius" value="0.2"/><bsdf type="conductor"/></shape>"#;
     let text = upright([0.0, 0.0], &format!("{rod}{SUN}"));
-    let (desc, sc) = scene(&text);
-    let names = ["r".to_string()];
-    let planned = tyndall::render::plan::Plan::new(&desc, &names).and_then(|p| p.refuse());
-    let p = sc.param_set(&desc, &names).unwrap();
-    let ran = job(&sc, 4, 1, Mode::Forward(&p)).run(&|_| {});
-    let told = planned.err().or(ran.err()).map(|e| e.to_string()).unwrap_or_default();
+    let told = refusal(&text, "r");
     assert!(told.contains("rod"), "{told}");
+    // A plate just behind it: their shadows have edges that nearly lie on each other.
+    let plate = r#"<shape type="disk" id="plate"><transform name="to_world"><scale value="0.4"/><rotate y="1" angle="90"/><translate x="-3.0002" y="$y" z="2"/></transform></shape>"#;
+    let told = refusal(&upright([0.0, 0.0], &format!("{plate}{SUN}")), "y");
+    assert!(told.contains("`mirror` and `plate` lie on each other"), "{told}");
 }
