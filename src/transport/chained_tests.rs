@@ -50,7 +50,7 @@ fn shared_first_vertices_are_those_of_each_chain() {
     let mut shared = 0;
     with_paths(|scene, moving, rec, starts| {
         let mut before: Vec<Seen> = Vec::new();
-        for start in starts.list.iter().filter(|s| s.place != At::Nowhere) {
+        for start in starts.legs().iter().filter(|s| s.place != At::Nowhere) {
             let mut opening = Opening::default();
             let own = rec.events[start.begin..].iter().skip(1).take_while(|e| !matches!(e, Event::Chain));
             own.for_each(|e| opening.follow(e));
