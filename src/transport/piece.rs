@@ -108,7 +108,9 @@ impl Piece {
     pub fn lies_on(&self, o: DVec3, w: DVec3, length: f64) -> bool {
         let off = self.start() - o;
         let across = (off - w * off.dot(w)).length();
-        let scale = off.length() + if length.is_finite() { length } else { 0.0 };
+        // Where a line without end begins, rounding goes by the piece, or by the place.
+        let own = [length, self.t1 - self.t0, o.length()];
+        let scale = off.length() + own.into_iter().find(|x| x.is_finite()).unwrap_or(0.0);
         self.w.dot(w) > 1.0 - SAME && (self.end() - o).dot(w) <= length && across <= BESIDE * scale
     }
 
@@ -157,5 +159,23 @@ impl Piece {
             Volume::Constant(_) => {}
         }
         [g0, g1]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where a line without end begins, its first piece begins there but for rounding; a line beside it does not.
+    #[test]
+    fn lines_without_end_keep_their_first_piece() {
+        let (o, w) = (DVec3::new(0.3, -0.7, 1.1), DVec3::new(0.6, 0.0, 0.8));
+        let off = DVec3::new(0.0, 1e-16, 0.0);
+        let piece =
+            |start: DVec3, t1: f64| Piece { medium: 0, o: start, w, t0: 0.0, t1, from: Stop::Free, to: Stop::Free };
+        for t1 in [2.0, f64::INFINITY] {
+            assert!(piece(o + off, t1).lies_on(o, w, f64::INFINITY));
+            assert!(!piece(o + DVec3::Y * 1e-3, t1).lies_on(o, w, f64::INFINITY));
+        }
     }
 }
