@@ -111,7 +111,7 @@ impl Piece {
         // Where a line without end begins, rounding goes by the piece, or by the place.
         let own = [length, self.t1 - self.t0, o.length()];
         let scale = off.length() + own.into_iter().find(|x| x.is_finite()).unwrap_or(0.0);
-        self.w.dot(w) > 1.0 - SAME && (self.end() - o).dot(w) <= length && across <= BESIDE * scale
+        self.w.dot(w) > 1.0 - SAME && off.dot(w) + (self.t1 - self.t0) <= length && across <= BESIDE * scale
     }
 
     pub fn start(&self) -> DVec3 {
