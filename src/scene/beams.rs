@@ -8,10 +8,9 @@ use super::{Instance, Scene};
 use crate::light::LightKind;
 use crate::math::fresnel::{self, Interface, conductor};
 use crate::math::{DMat2, DVec2, DVec3, Rgb, V3, warp};
-use crate::shape::triangles::around_disk;
+use crate::shape::triangles::{around, around_disk};
 use crate::shape::{Disk, Geometry, Shape};
 use crate::surface::Surface;
-use std::f64::consts::{PI, TAU};
 
 /// A flat mirror or interface on a way.
 #[derive(Clone, Copy, Debug)]
@@ -44,8 +43,6 @@ pub struct Way {
 const STEPS: usize = 12;
 const WAYS: usize = 1024;
 const GAIN: f64 = 1e-8;
-/// Corners of the polygon around a beam.
-const ROUND: usize = 64;
 /// A Gaussian beam ends at so many radii: e^-72.
 pub(super) const GAUSSIAN: f64 = 6.0;
 /// Beyond so many radii the edges of shadows in one, and of its start, are left out: e^-18, below a single-precision picture's last digit.
@@ -351,9 +348,7 @@ impl Scene {
         for (id, l) in self.lights.iter().enumerate() {
             let LightKind::Beam { position, direction, radius, gaussian } = l.kind else { continue };
             let size = radius * if gaussian { GAUSSIAN } else { 1.0 };
-            let corner =
-                |k: usize| DVec2::from_angle(TAU * k as f64 / ROUND as f64) * (size / (PI / ROUND as f64).cos());
-            let around: Vec<DVec2> = (0..ROUND).map(corner).collect();
+            let around = around(DVec3::ZERO, DVec3::X * size, DVec3::Y * size).map(DVec3::truncate);
             let depth = (self.settings.max_depth.saturating_sub(2) as usize).min(STEPS);
             let frame = warp::frame(direction);
             let found = Vec::new();

@@ -31,7 +31,7 @@ pub fn around_disk(d: &Disk) -> [DVec3; ROUND] {
 }
 
 /// A polygon around the ellipse of these half axes.
-fn around(c: DVec3, x: DVec3, y: DVec3) -> [DVec3; ROUND] {
+pub fn around(c: DVec3, x: DVec3, y: DVec3) -> [DVec3; ROUND] {
     std::array::from_fn(|k| {
         let (sin, cos) = (TAU * k as f64 / ROUND as f64).sin_cos();
         c + (x * cos + y * sin) / (PI / ROUND as f64).cos()

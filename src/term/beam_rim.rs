@@ -13,8 +13,9 @@ use crate::scene::Scene;
 use crate::scene::beams::Way;
 use crate::transport::light_centred::Sight;
 use crate::transport::record::{Event, MediumSpan, PathRecord, Recorder};
+use crate::transport::state::State;
 use crate::transport::vertex::Vertex;
-use crate::transport::walk::{State, Walker};
+use crate::transport::walk::Walker;
 
 /// What a point of an edge that was drawn from a vertex brings.
 pub struct RimPoint {

@@ -13,8 +13,9 @@ use crate::shape::{Geometry, Shape};
 use crate::transport::first::{First, Met, Nth, Seen};
 use crate::transport::line::Line;
 use crate::transport::record::{MediumSpan, Recorder};
+use crate::transport::state::{Stage, State};
 use crate::transport::velocity::Velocity;
-use crate::transport::walk::{Stage, State, Walker};
+use crate::transport::walk::Walker;
 
 /// Light by the number of its scatterings so far.
 #[derive(Clone, Debug, Default)]

@@ -23,7 +23,7 @@ use crate::math::{DVec3, Rgb};
 use crate::scene::{Hit, Scene};
 use crate::shape::{Geometry, Shape};
 use crate::transport::line::Line as Way;
-use crate::transport::walk::Stage;
+use crate::transport::state::Stage;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;

@@ -20,9 +20,10 @@ use crate::sensor::Projected;
 use crate::surface::Surface;
 use crate::transport::first::Seen;
 use crate::transport::record::{MediumSpan, NoRecord};
+use crate::transport::state::State;
 use crate::transport::tracking;
 use crate::transport::transmit;
-use crate::transport::walk::{State, Walker};
+use crate::transport::walk::Walker;
 use smallvec::SmallVec;
 use std::f64::consts::PI;
 

@@ -14,7 +14,7 @@ use crate::math::rng::Rng;
 use crate::scene::Scene;
 use crate::sensor::Sensor;
 use crate::transport::line::Line;
-use crate::transport::walk::Stage;
+use crate::transport::state::Stage;
 use std::borrow::Cow;
 
 pub const NAME: &str = "pixel_edge";

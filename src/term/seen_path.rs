@@ -10,8 +10,9 @@ use crate::surface::Surface;
 use crate::transport::first::{FilmLine, First, Leg, Met, Nth, Opening, Seen};
 use crate::transport::record::{Event, MediumSpan, Recorder};
 use crate::transport::shot::Place;
+use crate::transport::state::{Stage, State};
 use crate::transport::velocity::Velocity;
-use crate::transport::walk::{Stage, State, Walker};
+use crate::transport::walk::Walker;
 
 /// Where a camera path scatters.
 pub struct Vertex {

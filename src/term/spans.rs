@@ -6,9 +6,10 @@ use crate::math::{DVec3, Rgb};
 use crate::transport::chained::Starts;
 use crate::transport::first::{Later, Met, Nth, Opening};
 use crate::transport::record::{Event, MediumSpan, PathRecord, Recorder};
+use crate::transport::state::State;
 use crate::transport::tracking;
 use crate::transport::velocity::Velocity;
-use crate::transport::walk::{State, Walker};
+use crate::transport::walk::Walker;
 
 /// Points of a span and the weight of a path there.
 pub struct Walked<'a> {

@@ -34,7 +34,7 @@ use crate::shape::{Cylinder, Shape, Sphere};
 use crate::transport::first::FilmLine;
 use crate::transport::ray::MovingRay;
 use crate::transport::shot::{self, Eye, Shot, Target};
-use crate::transport::walk::Stage;
+use crate::transport::state::Stage;
 use std::borrow::Cow;
 use std::f64::consts::TAU;
 use std::sync::Arc;

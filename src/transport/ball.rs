@@ -3,8 +3,9 @@
 
 use super::pane::{self, Found};
 use super::record::Recorder;
+use super::state::State;
 use super::vertex::Vertex;
-use super::walk::{State, Walker};
+use super::walk::Walker;
 use crate::light::Origin;
 use crate::math::ball_ways::BallWay;
 use crate::math::fresnel::conductor;

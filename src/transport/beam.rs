@@ -3,8 +3,9 @@
 
 use super::line::Part;
 use super::record::{Drawn, End, Event, MediumSpan, Recorder};
+use super::state::{Flight, State};
 use super::vertex::{Toward, Vertex};
-use super::walk::{Flight, State, Walker};
+use super::walk::Walker;
 use super::{specular, transmit};
 use crate::light::{Emission, LightKind, beam_profile};
 use crate::math::{DVec3, Rgb};

@@ -5,8 +5,9 @@
 
 use super::light_centred::Sight;
 use super::record::{Drawn, Recorder};
+use super::state::State;
 use super::vertex::Vertex;
-use super::walk::{State, Walker};
+use super::walk::Walker;
 use super::{beam, tracking};
 use crate::phase::one_minus_cos;
 use crate::scene::On;

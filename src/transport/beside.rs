@@ -14,10 +14,11 @@
 use super::aim::{Aim, Turn};
 use super::light_centred::Sight;
 use super::record::{Event, MediumSpan, Recorder};
+use super::state::State;
 use super::transmit;
 use super::twin::Twin;
 use super::vertex::Vertex;
-use super::walk::{State, Walker};
+use super::walk::Walker;
 use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, warp};
 use crate::phase::one_minus_cos;

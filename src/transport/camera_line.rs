@@ -11,7 +11,8 @@
 use super::line::{Forced, Line, Part};
 use super::poles::Poles;
 use super::record::{Event, MediumSpan, Recorder};
-use super::walk::{Flight, Stage, State, Walker};
+use super::state::{Flight, Stage, State};
+use super::walk::Walker;
 use super::{beam, connect, glow};
 use crate::math::Rgb;
 use crate::medium::Volume;

@@ -5,8 +5,9 @@
 
 use super::pane::{self, Found};
 use super::record::Recorder;
+use super::state::State;
 use super::vertex::Vertex;
-use super::walk::{State, Walker};
+use super::walk::Walker;
 use crate::light::Origin;
 use crate::math::fermat::{self, Eye, Onward, Planes};
 use crate::math::fold::{self, Fold};

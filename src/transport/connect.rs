@@ -7,9 +7,10 @@
 
 use super::aim::{Aim, Turn};
 use super::record::{Drawn, End, Event, MediumSpan, Recorder};
+use super::state::{Flight, State};
 use super::transmit;
 use super::vertex::{Facing, Vertex};
-use super::walk::{Flight, State, Walker};
+use super::walk::Walker;
 use super::{beside, light_centred};
 use crate::light::Arrival;
 use crate::math::equiangular::EquiAngular;

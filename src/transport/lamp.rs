@@ -6,8 +6,9 @@
 use super::chain;
 use super::pane::{self, Found};
 use super::record::Recorder;
+use super::state::State;
 use super::vertex::Vertex;
-use super::walk::{State, Walker};
+use super::walk::Walker;
 use crate::light::Origin;
 use crate::math::ball_ways::BallWay;
 use crate::math::rng::{Purpose, Rng};

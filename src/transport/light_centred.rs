@@ -7,9 +7,10 @@
 
 use super::aim::{Aim, Turn};
 use super::record::{Drawn, End, MediumSpan, Recorder};
+use super::state::State;
 use super::twin::Twin;
 use super::vertex::{Toward, Vertex};
-use super::walk::{State, Walker};
+use super::walk::Walker;
 use super::{beside, connect};
 use super::{tracking, transmit};
 use crate::math::{DVec3, Rgb, warp};

@@ -4,8 +4,8 @@
 //! first is forced ([`Line::force`]) and a flight goes on from there ([`Line::fly_on`]).
 
 use super::record::MediumSpan;
+use super::state::State;
 use super::tracking;
-use super::walk::State;
 use crate::math::rng::{Apart, Rng};
 use crate::math::{DVec3, Rgb};
 use crate::medium::Volume;

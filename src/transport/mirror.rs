@@ -9,7 +9,8 @@
 //! Only derivatives ask for the other path; the picture's own is the first.
 
 use super::record::{Event, Recorder};
-use super::walk::{Stage, State, Walker};
+use super::state::{Stage, State};
+use super::walk::Walker;
 use crate::math::DVec3;
 use crate::scene::{Hit, Scene};
 use crate::shape::edges::to_border;

@@ -33,6 +33,7 @@ pub mod record;
 pub mod shot;
 pub mod smooth_way;
 pub mod specular;
+pub mod state;
 pub mod sweep;
 pub mod tracking;
 pub mod transmit;
@@ -44,8 +45,9 @@ pub mod walk;
 pub mod way_motion;
 
 pub use record::{NoRecord, PathRecord};
+pub use state::{Beginning, State};
 pub use sweep::{Sweep, SweepFacts};
-pub use walk::{Beginning, State, Tally};
+pub use walk::Tally;
 
 use crate::math::Rgb;
 use crate::scene::{Scene, Settings};

@@ -13,8 +13,9 @@
 
 use super::beam;
 use super::record::{End, Event, Recorder};
+use super::state::State;
 use super::vertex::{Toward, Vertex};
-use super::walk::{State, Walker};
+use super::walk::Walker;
 use super::way_motion::WayAim;
 use crate::light::{Emission, Origin};
 use crate::math::fresnel::{self, Interface};

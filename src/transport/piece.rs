@@ -108,10 +108,10 @@ impl Piece {
     pub fn lies_on(&self, o: DVec3, w: DVec3, length: f64) -> bool {
         let off = self.start() - o;
         let across = (off - w * off.dot(w)).length();
-        // Where a line without end begins, rounding goes by the piece, or by the place.
-        let own = [length, self.t1 - self.t0, o.length()];
-        let scale = off.length() + own.into_iter().find(|x| x.is_finite()).unwrap_or(0.0);
-        self.w.dot(w) > 1.0 - SAME && off.dot(w) + (self.t1 - self.t0) <= length && across <= BESIDE * scale
+        let reach = off.dot(w) + (self.t1 - self.t0);
+        // Of a line without end by how far the piece goes: one that has no end either is its last.
+        let scale = off.length() + if length.is_finite() { length } else { reach };
+        self.w.dot(w) > 1.0 - SAME && reach <= length && across <= BESIDE * scale
     }
 
     pub fn start(&self) -> DVec3 {
@@ -175,7 +175,10 @@ mod tests {
             |start: DVec3, t1: f64| Piece { medium: 0, o: start, w, t0: 0.0, t1, from: Stop::Free, to: Stop::Free };
         for t1 in [2.0, f64::INFINITY] {
             assert!(piece(o + off, t1).lies_on(o, w, f64::INFINITY));
-            assert!(!piece(o + DVec3::Y * 1e-3, t1).lies_on(o, w, f64::INFINITY));
+            // One from a mirror at the world's origin.
+            assert!(piece(off, t1).lies_on(DVec3::ZERO, w, f64::INFINITY));
+            assert_eq!(piece(o, t1).lies_on(o, w, 3.0), t1 < 3.0);
         }
+        assert!(!piece(o + DVec3::Y * 1e-3, 2.0).lies_on(o, w, f64::INFINITY));
     }
 }

@@ -8,7 +8,8 @@
 use super::lamp::Passage;
 use super::ray::Specular;
 use super::record::{Event, Recorder};
-use super::walk::{Flight, Stage, State, Walker};
+use super::state::{Flight, Stage, State};
+use super::walk::Walker;
 use crate::math::DVec3;
 use crate::scene::{Hit, On, Scene};
 use crate::surface::{Ray, Surface};

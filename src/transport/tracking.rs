@@ -6,7 +6,7 @@
 //! exactly 1 and the albedo: nothing is divided.
 
 use super::record::MediumSpan;
-use super::walk::State;
+use super::state::State;
 use crate::math::Rgb;
 use crate::math::rng::Rng;
 use crate::medium::grid::Grid;

@@ -14,8 +14,9 @@
 use super::beside::{self, Aims, Followed};
 use super::connect;
 use super::record::Recorder;
+use super::state::{Stage, State};
 use super::vertex::{Toward, Vertex};
-use super::walk::{ROULETTE, Stage, State, Walker};
+use super::walk::{ROULETTE, Walker};
 use crate::light::Place;
 use crate::math::DVec3;
 use crate::math::rng::Rng;

@@ -4,8 +4,9 @@
 //! light, and on what it came from the vertex: a point of a medium or a face, or from infinity. How those points move, and the vertex, moves the arc ([`super::motion`]). The picture gets nothing of it.
 
 use super::record::{Drawn, End, Event, PathRecord, Recorder};
+use super::state::{Stage, State};
 use super::vertex::{Facing, Vertex};
-use super::walk::{Stage, State, Walker};
+use super::walk::Walker;
 use crate::math::rng::{Purpose, Rng};
 use crate::math::{DVec3, Rgb};
 use crate::surface::Surface;

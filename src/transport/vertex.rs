@@ -2,7 +2,7 @@
 
 use super::aim::Turn;
 use super::record::{Event, Recorder};
-use super::walk::State;
+use super::state::State;
 use crate::math::{DVec3, Rgb};
 use crate::phase::one_minus_cos;
 use crate::scene::critical::Critical;

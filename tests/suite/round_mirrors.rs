@@ -1,8 +1,9 @@
 //! Round mirrors (disks of metal) in light without extent and in beams: their rims end the light that they send on, and what passes them (`term::cast_border`).
 
-use crate::common::{against_differences, check, derivatives, job, scene};
+use crate::common::{against_differences, check, derivatives, forward_of, job, scene};
 use std::f64::consts::PI;
 use tyndall::render::driver::Mode;
+use tyndall::scene::compile::Orders;
 
 /// A light from the right, slanting down to a mirror that stands upright, which sends it on to a wide floor: a square of that is seen around (x, y).
 fn upright([x, y]: [f64; 2], light: &str) -> String {
@@ -23,7 +24,7 @@ const E: f64 = 4.0;
 const COS: f64 = 0.8;
 const SIN: f64 = 0.6;
 const SUN: &str = r#"<emitter type="directional"><vector name="direction" value="-0.8, 0, -0.6"/><rgb name="irradiance" value="4"/></emitter>"#;
-/// Wider than the mirror, not than twice that, and not on the floor itself where that is seen.
+/// Wider than the mirror; what passes it falls on the floor out of sight.
 const BEAM: &str = r#"<emitter type="collimated"><transform name="to_world"><lookat origin="1, 0, 5" target="-3, 0, 2" up="0, 1, 0"/></transform>
     <float name="radius" value="0.7"/><string name="profile" value="hard"/><float name="irradiance" value="4"/></emitter>"#;
 
@@ -42,7 +43,7 @@ fn what_a_round_mirror_sends_on() {
     }
 }
 
-/// The square's edge halves the spot, which is as high as the mirror and lit by `E sin`: as it slides across, light grows by its chord; with its turn by a degree, which slides it along x by more than that.
+/// The square's edge halves the spot, which is lit by `E sin`. As the mirror's place moves the spot across the edge, light changes by the spot's chord; its turn moves the spot along x, by twice its angle.
 #[test]
 fn where_it_sends_it() {
     let x = -3.0 + 2.0 * COS / SIN;
@@ -50,7 +51,7 @@ fn where_it_sends_it() {
     let chord = 2.0 * 0.4 * COS / SIN;
     let across = upright([x, 1.0], SUN);
     check("its place", &derivatives(&across, &["y"], &["all"], 1 << 14)[0], unit * SIN * chord, 0.01);
-    // Light leaves it at twice its turn: where the spot's middle is, and how much light it takes.
+    // The flux into the square over E, by the turn.
     let along = upright([x + 1.0, 0.0], SUN);
     let lit = |turn: f64| {
         let (sin, cos) = (turn.to_radians().sin(), turn.to_radians().cos());
@@ -58,7 +59,7 @@ fn where_it_sends_it() {
         let c = COS * n[0] + SIN * n[1];
         // The sun's direction mirrored: d + 2 c n with d = (-cos, -sin).
         let d = [-COS + 2.0 * c * n[0], -SIN + 2.0 * c * n[1]];
-        // A chord of the mirror at its middle's height lands at one x: v along its tangent (in the plane of x and z).
+        // Where light from the mirror's height v (along t, in the plane of x and z) lands.
         let t = [sin, cos];
         let lands = |v: f64| -3.0 + t[0] * v - (2.0 + t[1] * v) * d[0] / d[1];
         // The height whose light lands on the square's edge, by halving; what is above lands beyond.
@@ -91,6 +92,25 @@ fn a_spot_on_a_round_mirror_against_differences() {
     <rgb name="intensity" value="12"/><float name="cutoff_angle" value="30"/><float name="beam_width" value="10"/></emitter></scene>"#;
     let moves = [("x", 0.02), ("r", 0.02), ("turn", 1.0), ("o", 0.02), ("cam", 0.02)];
     against_differences(text, &moves, &["all"], 1 << 14, 0.01);
+}
+
+/// A beam that holds all of a block of fog, sent straight back by a mirror in it: light that scatters on a line across has gone `1 + x - 2m` through the fog (x: the line, m: the mirror). All of it aslant to the axes, so that rounding has its say.
+#[test]
+fn a_beam_sent_through_fog() {
+    let aslant = r#"<rotate y="1" angle="37"/><rotate z="1" angle="20"/><translate x="0.3" y="0.7" z="-0.2"/>"#;
+    let text = format!(
+        r#"<scene version="3.0.0"><default name="m" value="-0.5"/><integrator type="volpath"><integer name="max_depth" value="3"/></integrator>
+  <sensor type="orthographic"><transform name="to_world"><scale value="0.01"/><lookat origin="0.5, -5, 0" target="0.5, 0, 0" up="0, 0, 1"/>{aslant}</transform>
+    <film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/></film></sensor>
+  <medium type="homogeneous" id="fog"><float name="sigma_t" value="0.4"/><float name="albedo" value="0.001"/></medium>
+  <shape type="cube"><transform name="to_world">{aslant}</transform><bsdf type="null"/><ref name="interior" id="fog"/></shape>
+  <shape type="disk"><transform name="to_world"><scale value="1.6"/><rotate y="1" angle="90"/><translate x="$m"/>{aslant}</transform><bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape>
+  <emitter type="collimated"><transform name="to_world"><lookat origin="4, 0, 0" target="0, 0, 0" up="0, 1, 0"/>{aslant}</transform>
+    <float name="radius" value="3"/><string name="profile" value="hard"/><float name="irradiance" value="4000"/></emitter></scene>"#
+    );
+    let [light, d] = forward_of(&text, Orders { first: 2, last: 2 }, &["m"], &["all"], 1 << 12)[..] else { panic!() };
+    // Light that scatters twice is of that order, too: a thousandth.
+    check("the mirror's place", &d, 2.0 * 0.4 * light.value[0], 0.01);
 }
 
 /// An opaque tube behind it that ends in its rim, whichever of the two comes first: the rim is one border.
